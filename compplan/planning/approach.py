@@ -29,7 +29,7 @@ DWELL = 0.02
 
 
 @dataclass(frozen=True)
-class Passage:
+class AuxiliaryMotion:
     """Rows before the first waypoint or after the last one, in order of time."""
 
     #: Program positions: above, unloaded tool at the point, and the other side of lost motion. Shape (k', nq).
@@ -41,22 +41,22 @@ class Passage:
     gap: Array  #: Time from each row to the next, the last one to the waypoint. Shape (k,). [s]
 
 
-def plan_approach(task: PlanTask, q: Array) -> Passage:
+def plan_approach(task: PlanTask, q: Array) -> AuxiliaryMotion:
     """Plan the motion to the first waypoint; empty if the toolpath begins with a rapid move."""
     return _pass(task, q, 0)
 
 
-def plan_retract(task: PlanTask, q: Array) -> Passage:
+def plan_retract(task: PlanTask, q: Array) -> AuxiliaryMotion:
     """Plan the motion from the last waypoint; empty if the toolpath ends with a rapid move."""
     way = _pass(task, q, len(task) - 1)
     backwards = (part[::-1] for part in (way.key_q, way.key_gap, way.q, way.position, way.wrench, way.gap))
-    return Passage(*backwards)
+    return AuxiliaryMotion(*backwards)
 
 
-def _pass(task: PlanTask, q: Array, end: int) -> Passage:
+def _pass(task: PlanTask, q: Array, end: int) -> AuxiliaryMotion:
     nq = q.shape[1]
     none = np.zeros((0, nq))
-    nothing = Passage(none, np.zeros(0), none, np.zeros((0, 3)), np.zeros((0, 6)), np.zeros(0))
+    nothing = AuxiliaryMotion(none, np.zeros(0), none, np.zeros((0, 3)), np.zeros((0, 6)), np.zeros(0))
     if task.nominal.rapid[end]:
         return nothing
     loaded, point = q[end], task.position[end]
@@ -78,7 +78,7 @@ def _pass(task: PlanTask, q: Array, end: int) -> Passage:
     q_rows, position, wrench, gap = (np.concatenate(column) for column in zip(*parts, strict=True))
     key_gap = np.array([float(part[3].sum()) for part in parts[:-1]])
     key_gap[-1] += DWELL
-    return Passage(np.array([leg[0] for leg in legs]), key_gap, q_rows, position, wrench, gap)
+    return AuxiliaryMotion(np.array([leg[0] for leg in legs]), key_gap, q_rows, position, wrench, gap)
 
 
 def _leg(

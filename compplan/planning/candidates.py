@@ -17,20 +17,20 @@ from compplan.planning.measured_runs import (
     LEAST_GAIN,
     SAME,
     TimedStart,
-    band_beside,
+    band_at_time,
     choose_run,
     compute_gain,
     ease_run,
     least_time,
-    measure_beside,
     measure_runs,
+    reference_run,
 )
 from compplan.planning.motion_limits import difference_motion
 from compplan.planning.posture.choose import choose_posture_path
 from compplan.planning.posture.settings import PostureProblem
 from compplan.planning.posture.start import build_start, find_plain
 from compplan.planning.posture.summary import PostureSummary, Start
-from compplan.planning.redundancy import PathRequest, Prices, Shaped, shape_start
+from compplan.planning.redundancy import CostWeights, OptimisationFigures, PathRequest, shape_start
 from compplan.planning.task import PlanTask
 from compplan.planning.timing import parameter_steps
 
@@ -49,7 +49,7 @@ CALM = 0.5
 #: Greatest number of waypoints of a path whose starts are compared; longer paths take more CPU time than they gain.
 LONGEST = 8000
 #: Weights of the program by preset; other presets keep the posture of the search.
-PRICES = {"fast": Prices(band=0.0), **dict.fromkeys(("accurate", "error_band", ""), Prices())}
+COST_WEIGHTS = {"fast": CostWeights(band=0.0), **dict.fromkeys(("accurate", "error_band", ""), CostWeights())}
 
 
 def better_start(start: Start, request: PathRequest, *, shape: bool = True) -> Start:
@@ -70,7 +70,7 @@ def better_start(start: Start, request: PathRequest, *, shape: bool = True) -> S
     preset = settings.preset if settings.compares else ""
     most = max(settings.lead, settings.lean, request.tube)
     free = settings.free_spin or most > 0.0 or posture_choice.q.shape[1] > 6
-    if preset not in PRICES or not free or posture_choice.missed.any() or not shape or settings.start is not None:
+    if preset not in COST_WEIGHTS or not free or posture_choice.missed.any() or not shape or settings.start is not None:
         return start
     task = request.state(start)
     if (not preset or (preset == "fast" and len(task) > LONGEST)) and _keeps_feed(task, request):
@@ -91,12 +91,12 @@ def better_start(start: Start, request: PathRequest, *, shape: bool = True) -> S
     for runs, base in groups:
         for origin in tuple(runs):
             of_origin = request.state(origin.start)
-            shaped = shape_start(of_origin, origin.start, request, PRICES[preset],
-                                 measure_beside(base, origin, of_origin))  # fmt: skip
+            shaped = shape_start(of_origin, origin.start, request, COST_WEIGHTS[preset],
+                                 reference_run(base, origin, of_origin))  # fmt: skip
             if shaped is not None:
                 found = measure_runs(shaped[0], request)
                 runs += [run._replace(origin=origin.origin, shaped=shaped[1]) for run in found]
-        bands = [band_beside(run, base) for run in runs]  # of equal ones, the nearest to the posture of the search
+        bands = [band_at_time(run, base) for run in runs]  # of equal ones, the nearest to the posture of the search
         alike = (run for run, band in zip(runs, bands, strict=True) if band <= (1.0 + LEAST_GAIN) * min(bands))
         best = runs if preset == "fast" else [next(alike)]
         candidates += [ease_run(preset, run, base, request) for run in best if run is not first]
@@ -169,7 +169,7 @@ def _take(start: Start, first: TimedStart, run: TimedStart, least: float) -> Sta
     """Return the start of the chosen run, with its figures and a note on its gain over the first."""
     posture_choice, chosen, pace = start.posture_choice, run.start.posture_choice, run.start.pace
     assert posture_choice is not None and chosen is not None
-    shaped = run.shaped or Shaped(0, ())
+    shaped = run.shaped or OptimisationFigures(0, ())
     program = {
         "free": list(shaped.names), "start": run.origin, "steps": shaped.iterations,
         "time_s": {"graph": first.time, "program": run.time},

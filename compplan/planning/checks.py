@@ -21,7 +21,7 @@ from compplan.job.job import Job
 from compplan.planning.evaluate import find_part
 from compplan.planning.executed import ExecutedPath
 from compplan.planning.inertia import FOLLOWED
-from compplan.planning.sampling import Between, distance_to_moves, divide_times, insert_between, judged_moves
+from compplan.planning.sampling import Between, cutting_moves, distance_to_moves, divide_times, insert_between
 from compplan.planning.task import AT_CORRECTION, Command, PlanTask, attain_rows, pick_worst
 from compplan.planning.timing import Timing
 from compplan.robot import Array
@@ -40,7 +40,7 @@ from compplan.simulation.simulated_robot import (
     SimulatedRobot,
     build_simulated_robot,
     run_simulated_robot,
-    touch_cell,
+    with_touched_part,
 )
 from compplan.simulation.vibration import build_dynamics
 from compplan.statics.inertia import smooth_loads
@@ -95,7 +95,7 @@ def state_breaches(sentences: Iterable[str], name: str) -> tuple[Check, ...]:
 
 
 @dataclass(frozen=True)
-class Bench:
+class CheckRobot:
     """Robot of the independent check."""
 
     cell: SimulatedRobot  #: Robot as modelled.
@@ -105,19 +105,19 @@ class Bench:
     moving: ExactRobot | None = None
 
 
-def set_up_bench(task: PlanTask, timing: Timing, job: Job | None) -> Bench:
+def build_check_robot(task: PlanTask, timing: Timing, job: Job | None) -> CheckRobot:
     """Parse the robot folder independently; use a robot or a path in memory as it is."""
     if job is None or task.robot.folder is None or job.context.mounted is not None:
-        bias = _load_springs(task, build_dynamics(task.robot).standing, timing.time) if task.inertia else None
-        return Bench(find_part(task, build_simulated_robot(task.robot)), bias)
+        bias = _load_springs(task, build_dynamics(task.robot).inertial, timing.time) if task.inertia else None
+        return CheckRobot(find_part(task, build_simulated_robot(task.robot)), bias)
     tool, folder = job.model_dump(by_alias=True, exclude_unset=True).get("tool"), Path(task.robot.folder)
     cell = SimulatedRobot(AS_MODELLED, task.robot, read_exact_robot(folder, tool))
     moving = read_exact_robot(folder, tool, moving=True)
     if task.touched is not None:
         believed = read_exact_robot(folder, tool, geometry="controller.urdf")
-        cell = touch_cell(cell, task.touched.q, solve_rigid(believed, task.touched.q)[0])
+        cell = with_touched_part(cell, task.touched.q, solve_rigid(believed, task.touched.q)[0])
     bias = _load_springs(task, moving, timing.time) if task.inertia else None
-    return Bench(cell, bias, moving)
+    return CheckRobot(cell, bias, moving)
 
 
 def _load_springs(task: PlanTask, moving: ExactRobot, time: Array) -> Array:
@@ -127,7 +127,7 @@ def _load_springs(task: PlanTask, moving: ExactRobot, time: Array) -> Array:
 
 
 def run_checks(
-    task: PlanTask, command: Command, timing: Timing, between: Between, after: Evaluation, bench: Bench, *,
+    task: PlanTask, command: Command, timing: Timing, between: Between, after: Evaluation, bench: CheckRobot, *,
     job: Job | None = None, motion: Motion | None = None, executed: ExecutedPath | None = None,
 ) -> tuple[Check, ...]:  # fmt: skip
     """Check a command and its run; checks against files are left out without a job, or with a robot in memory."""
@@ -166,7 +166,7 @@ def _check_models(task: PlanTask, q: Array, after: Evaluation) -> Check:
     return Check("planner and independent check apart, m", apart, AGREED + AGREED_SHARE * task.tolerance, sentence)
 
 
-def _check_between(task: PlanTask, q: Array, between: Between, bench: Bench) -> tuple[Check, ...]:
+def _check_between(task: PlanTask, q: Array, between: Between, bench: CheckRobot) -> tuple[Check, ...]:
     """Check that the loaded tip is within the tolerance between waypoints."""
     found, move = evaluate_between(task, q, between, bench)
     sentence = f"the independent check finds the loaded tip {state_mm(found)} off the path after waypoint {move}"
@@ -299,12 +299,12 @@ def _check_inertia(task: PlanTask, time: Array, motion: Motion | None, moving: E
     return Check("displacement by inertia apart, m", abs(most - own), limit, sentence)
 
 
-def evaluate_between(task: PlanTask, q: Array, between: Between, bench: Bench) -> tuple[float, int]:
+def evaluate_between(task: PlanTask, q: Array, between: Between, bench: CheckRobot) -> tuple[float, int]:
     """Compute the loaded tip halfway between waypoints, at the mean of joint positions and wrench.
 
     Returns the greatest distance from the moves [m], and the waypoint where that move starts.
     """
-    moves = judged_moves(task)
+    moves = cutting_moves(task)
     moves = pick_worst(moves, between.most[moves], LOOKED_INTO)
     if not len(moves):
         return 0.0, -1
@@ -324,7 +324,7 @@ def evaluate_between(task: PlanTask, q: Array, between: Between, bench: Bench) -
     return float(distance[worst_of]), int(moves[worst_of])
 
 
-def find_failures(task: PlanTask, command: Command, bench: Bench, near: Mapping[int, str]) -> dict[int, str]:
+def find_failures(task: PlanTask, command: Command, bench: CheckRobot, near: Mapping[int, str]) -> dict[int, str]:
     """Find the failed waypoints of a command and their limits; `near`: violations of the clearance, in words."""
     lost = task.missed | np.r_[False, task.missed[:-1]]  # jumps to and from waypoints out of reach are ignored
     jumps = {waypoint: limit for waypoint, limit in find_jumps(task, command.q).items() if not lost[waypoint]}
@@ -334,7 +334,7 @@ def find_failures(task: PlanTask, command: Command, bench: Bench, near: Mapping[
     return stopped
 
 
-def find_overloads(task: PlanTask, q: Array, bench: Bench) -> dict[int, str]:
+def find_overloads(task: PlanTask, q: Array, bench: CheckRobot) -> dict[int, str]:
     """Find the waypoints with a static load beyond the effort limit of a joint, by joint name."""
     efforts = np.where(task.robot.carriers, np.inf, task.robot.effort_limits)  # the load of a positioner is unknown
     if not np.isfinite(efforts).any():

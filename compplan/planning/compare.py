@@ -15,7 +15,7 @@ from compplan.job.job import Job
 from compplan.measurement.distance import LEVEL
 from compplan.planning.evaluate import evaluate_run
 from compplan.planning.strategies import command_path
-from compplan.planning.strategies.online import ONLINE, hold_robot, list_strategies, prepare_answers
+from compplan.planning.strategies.online import ONLINE, hold_robot, list_strategies, prepare_commands
 from compplan.planning.task import Command, PlanTask
 from compplan.robot import Array
 from compplan.simulation.simulated_robot import (
@@ -32,7 +32,7 @@ SAME = 0.05
 
 
 @dataclass(frozen=True, eq=False)
-class Drawn:
+class MonteCarloResult:
     """Remaining deviations of strategies in a Monte Carlo study with random robots, forces and sensors."""
 
     source: str  #: Source of the standard deviations.
@@ -58,7 +58,7 @@ class Comparison(Shown):
     commands: Mapping[str, Command]  #: Command of each strategy.
     evaluations: Mapping[str, Mapping[str, Evaluation]]  #: By robot name and strategy: deviation of the run.
     job: Job | None = None  #: The job, or None.
-    drawn: Drawn | None = None  #: Deviations on robots sampled from the folder's uncertainty, or None.
+    drawn: MonteCarloResult | None = None  #: Deviations on robots sampled from the folder's uncertainty, or None.
 
     @property
     def as_modelled(self) -> Mapping[str, Evaluation]:
@@ -144,7 +144,7 @@ def compare_task(
     Simulated robots are as modelled, and with other compliances. Sensors of online strategies have no error here.
     """
     cells, names = standard_variants(task.robot), list_strategies(task.robot)
-    online = prepare_answers(task, [strategy for strategy in names if strategy in ONLINE])
+    online = prepare_commands(task, [strategy for strategy in names if strategy in ONLINE])
     commands = {}
     for strategy in names:
         announce(f"command: {strategy}")

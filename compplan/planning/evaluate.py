@@ -11,7 +11,7 @@ from compplan.simulation.simulated_robot import (
     SimulatedRobot,
     SimulatedRun,
     run_simulated_robot,
-    touch_cell,
+    with_touched_part,
 )
 from compplan.statics.stiffness import attain_pose
 
@@ -20,7 +20,7 @@ def find_part(task: PlanTask, cell: SimulatedRobot) -> SimulatedRobot:
     """Return the simulated robot with the part frame measured by touching, if the task has one."""
     if task.touched is None or cell.displacement is not None:
         return cell
-    return touch_cell(cell, task.touched.q, task.touched.shown)
+    return with_touched_part(cell, task.touched.q, task.touched.shown)
 
 
 def evaluate_run(task: PlanTask, q: Array, cell: SimulatedRobot, bias: Array | None = None) -> Evaluation:

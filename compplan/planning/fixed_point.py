@@ -31,7 +31,7 @@ from compplan.planning.sampling import (
     grow_places,
     measure_between,
     predict_loads,
-    wanted_pieces,
+    required_pieces,
 )
 from compplan.planning.strategies import command_path, nlp
 from compplan.planning.task import Command, PlanTask, attain_rows
@@ -81,18 +81,18 @@ def compensate(
     progress("sampling")
     if task.missed.any() or not task.chain.n_springs or not task.robot.bodies:
         task = replace(task, inertia=False)
-    found = _settle(task, strategy, feed_request, output, progress)
+    found = _iterate_loads(task, strategy, feed_request, output, progress)
     settled = found.excess <= 1.0 and found.change <= SETTLED * task.tolerance
     kept = found.command.status == "solved" and found.between.max_deviation <= task.tolerance
     if found.task.inertia and not (settled and kept):
-        found = _settle(replace(task, inertia=False), strategy, feed_request, output, progress)
+        found = _iterate_loads(replace(task, inertia=False), strategy, feed_request, output, progress)
         reason = "a limit or the tolerance is not held" if settled else "motion and correction do not settle"
         note = f"The inertia of the motion is not compensated here: with it {reason}. The 95 % band counts all of it."
         found = replace(found, notes=(*found.notes, note))
     return found
 
 
-def _settle(
+def _iterate_loads(
     task: PlanTask, strategy: str, feed_request: FeedRequest, output: OutputTable | None,
     progress: Callable[[str], None],
 ) -> Compensation:  # fmt: skip
@@ -222,7 +222,7 @@ def resolve_starts(task: PlanTask, feed_request: FeedRequest) -> PlanTask:
     moves = rests - np.tile([0, 1], len(runs))
     step = np.maximum(np.diff(time)[moves], 1e-12)[:, None]
     push = 2.0 * (task.q_start[moves + 1] - task.q_start[moves]) / step**2 * np.tile([[1.0], [-1.0]], (len(runs), 1))
-    loads, still = load_by_motion(dynamics.standing, task.q_start[rests], np.zeros_like(push), push), task.wrench[rests]
+    loads, still = load_by_motion(dynamics.inertial, task.q_start[rests], np.zeros_like(push), push), task.wrench[rests]
     bent, plain = (
         attain_pose(task.chain, task.q_start[rests], still, slope=False, torque_bias=bias).position
         for bias in (loads, None)
@@ -237,14 +237,14 @@ def _missing_pieces(found: Compensation) -> NDArray[np.int_]:
     """Return the number of pieces of moves that deviate by more than their ends. Shape (n - 1,)."""
     task, q, ways = found.task, found.command.links, found.between
     if np.ndim(found.command.lead):  # division reduces lost motion only in the moves that cross it
-        task = nlp.leave_play(task)
+        task = nlp.without_lost_motion(task)
         ways = measure_between(task, q)
     attained = attain_rows(task, q, np.arange(len(task)), slope=False).position
     off = np.linalg.norm(attained - task.position, axis=1)
     ends = np.maximum(off[:-1], off[1:])
     stray, crosses = np.maximum(ways.most - ends, 0.0), find_crossings(found.command.q, q)
     stray[crosses] = np.maximum(stray, found.between.most)[crosses]
-    pieces = wanted_pieces(stray, task.chord)
+    pieces = required_pieces(stray, task.chord)
     crossing = np.pad(np.where(crosses, pieces, 1), BESIDE, constant_values=1)
     pieces = np.maximum(pieces, np.lib.stride_tricks.sliding_window_view(crossing, 2 * BESIDE + 1).max(axis=1))
     pieces[(task.nominal.steps < 1e-6) | task.nominal.rapid[1:] | task.lead[1:]] = 1

@@ -19,8 +19,8 @@ from compplan.errors import ConvergenceError
 from compplan.planning.feed import time_run
 from compplan.planning.fixed_point import resolve_starts
 from compplan.planning.inertia import measure_motion
-from compplan.planning.posture.summary import Easing, Start
-from compplan.planning.redundancy import Measured, PathRequest, Shaped
+from compplan.planning.posture.summary import Slowdown, Start
+from compplan.planning.redundancy import OptimisationFigures, PathRequest, ReferenceRun
 from compplan.planning.task import PlanTask
 from compplan.planning.timing import INERTIA_WINDOWS, time_rapids
 from compplan.robot import Array
@@ -61,7 +61,7 @@ class TimedStart(NamedTuple):
     task: PlanTask  #: Task with the default windows.
     passing: Array  #: Time at each waypoint of the task. Shape (n,). [s]
     origin: str = "search"  #: Origin of the posture: "search" or "programmed".
-    shaped: Shaped | None = None  #: Result of the program, None without one.
+    shaped: OptimisationFigures | None = None  #: Result of the program, None without one.
 
 
 def measure_runs(
@@ -88,7 +88,7 @@ def measure_runs(
         calm = band_radius(still, mean=aside)
         for count in range(1 if beside is None else max(min(ROUNDS, WORK // len(task)), 1)):
             eased = start if count == 0 and window == 1.0 else replace(
-                start, pace=Easing(window, task.origin, slower))  # fmt: skip
+                start, pace=Slowdown(window, task.origin, slower))  # fmt: skip
             run = replace(task, start=eased)
             time = time_run(run, run.q_start, request.feed_request)[1].time
             vibration, bend = _spread_vibration(run, time, rows, dynamics)
@@ -173,7 +173,7 @@ def choose_run(preset: str, runs: list[TimedStart], base: TimedStart) -> TimedSt
     return min(alike, key=lambda run: run.time)
 
 
-def band_beside(run: TimedStart, base: TimedStart) -> float:
+def band_at_time(run: TimedStart, base: TimedStart) -> float:
     """Estimate the band of a run at the time of the base; infinite if the run cannot be that short. [m]
 
     The band due to vibration falls with the square of the time.
@@ -202,7 +202,7 @@ def least_time(task: PlanTask) -> float:
     return float(task.step_time[~rapid].sum() + between + smoothing_time(task))
 
 
-def measure_beside(base: TimedStart, origin: TimedStart, task: PlanTask) -> Measured:
+def reference_run(base: TimedStart, origin: TimedStart, task: PlanTask) -> ReferenceRun:
     """Compute reference time and deflection of the program: of the base, as if its band were due to motion only.
 
     origin: run of the task from which the program starts.
@@ -210,7 +210,7 @@ def measure_beside(base: TimedStart, origin: TimedStart, task: PlanTask) -> Meas
     motion = np.sqrt(max(base.band**2 - base.still**2, 0.0))
     bend = base.bend * base.band / motion if motion > 0.0 else 0.0
     passing = np.interp(task.origin, origin.task.origin, origin.passing)
-    return Measured(base.time - smoothing_time(base.task), bend, passing)
+    return ReferenceRun(base.time - smoothing_time(base.task), bend, passing)
 
 
 def smoothing_time(task: PlanTask) -> float:

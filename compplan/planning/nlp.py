@@ -115,7 +115,7 @@ def _build(problem: PlanningProblem) -> PathProgram:
     """Build the program: variables, objective, constraints."""
     k = len(problem)
     # variables x, and those of each station, v_i = L_i x
-    seen, sizes = _state_sight(problem)
+    seen, sizes = _selection_matrix(problem)
     x, data = ca.MX.sym("x", seen.shape[1]), ca.MX.sym("data", _pack(problem).shape[1], k)
     local = ca.reshape(ca.mtimes(ca.DM(seen), x), seen.shape[0] // k, k)
     station, inputs = _state_station(problem)
@@ -148,13 +148,13 @@ def _build(problem: PlanningProblem) -> PathProgram:
     return PathProgram(problem, solver, tuple(part.numel() for part in parts), (*np.cumsum([0, *sizes]).tolist(),))
 
 
-def _state_sight(problem: PlanningProblem) -> tuple[sparse.csc_matrix, tuple[int, int, int]]:
+def _selection_matrix(problem: PlanningProblem) -> tuple[sparse.csc_matrix, tuple[int, int, int]]:
     """Build the matrix that selects the variables of each station, and count those of q, square and slack."""
     k, nq, rows = len(problem), problem.chain.nq, problem.pose_rows + 1
     sizes = nq * k, k if problem.timed else 0, rows * k if problem.released is not None else 0
     offsets = np.cumsum([0, *sizes])
 
-    def see(matrix: Any, kind: int, height: int) -> sparse.csr_matrix:
+    def expand(matrix: Any, kind: int, height: int) -> sparse.csr_matrix:
         """Expand a matrix over stations (k, k) to `height` entries each, in the columns of its kind."""
         part = sparse.kron(matrix, sparse.identity(height))
         before, after = offsets[kind], offsets[-1] - offsets[kind + 1]
@@ -162,15 +162,15 @@ def _state_sight(problem: PlanningProblem) -> tuple[sparse.csc_matrix, tuple[int
 
     later = np.minimum(np.arange(k) + 1, k - 1)
     own, ahead = sparse.identity(k), sparse.csr_matrix((np.ones(k), (np.arange(k), later)))
-    parts = [(see(own, 0, nq), nq), (see(ahead, 0, nq), nq)]
+    parts = [(expand(own, 0, nq), nq), (expand(ahead, 0, nq), nq)]
     if problem.timed:
         half = sparse.diags(np.divide(0.5, problem.steps, where=problem.steps > 0.0, out=np.zeros(k)))
         first, second = (sparse.csr_matrix(matrix) for matrix in problem.rates)
-        parts += [(see(first, 0, nq), nq), (see(second, 0, nq), nq)]
+        parts += [(expand(first, 0, nq), nq), (expand(second, 0, nq), nq)]
         push, before = half @ (ahead - own), sparse.diags(np.ones(k - 1), -1)
-        parts += [(see(matrix, 1, 1), 1) for matrix in (own, ahead, push, before @ push)]
+        parts += [(expand(matrix, 1, 1), 1) for matrix in (own, ahead, push, before @ push)]
     none = sparse.csr_matrix((k * rows, offsets[-1]))
-    parts.append((see(own, 2, rows) if problem.released is not None else none, rows))
+    parts.append((expand(own, 2, rows) if problem.released is not None else none, rows))
     heights = [height for _, height in parts]
     starts, total = np.cumsum([0, *heights]), sum(heights)
     order = np.concatenate([np.add.outer(np.arange(k) * total + start, np.arange(height)).ravel()

@@ -33,8 +33,8 @@ def list_notes(
     if job is not None:
         notes += [describe_spindle(task, job), "" if job.part.fit is None else job.part.fit.tell()]
         if job.tool is not None:
-            notes += ask_about_tool(job, job.context.mounted or load_robot(job.robot, relative_to=job.folder))
-        notes.append(look_at_spindle(task.nominal.axis, job))
+            notes += check_tool(job, job.context.mounted or load_robot(job.robot, relative_to=job.folder))
+        notes.append(check_spindle(task.nominal.axis, job))
         if job.tool is not None and job.tool.mass_kg is None:
             notes.append("The weight of the tool is unknown ([tool] has no mass_kg) and left out.")
     notes.append(describe_inertia(task, motion, job))
@@ -80,7 +80,7 @@ SHORT = 0.02
 LONG = 0.5
 
 
-def ask_about_tool(job: Job, robot: Robot) -> list[str]:
+def check_tool(job: Job, robot: Robot) -> list[str]:
     """Question a sideways tool without a mesh, a very long one, or an unconfirmed pendant frame."""
     assert job.tool is not None
     pose, out = job.tool.locate_tcp(robot), outward_axis(robot)
@@ -106,7 +106,7 @@ def ask_about_tool(job: Job, robot: Robot) -> list[str]:
     return notes
 
 
-def look_at_spindle(axis: Array, job: Job) -> str:
+def check_spindle(axis: Array, job: Job) -> str:
     """Question a path with the spindle always on the -z side of the part. axis: base axes, shape (n, 3)."""
     if not len(axis) or float((axis @ job.T_base_part[:3, 2]).max()) > -np.cos(np.radians(SIDEWAYS)):
         return ""

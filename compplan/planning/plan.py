@@ -18,7 +18,7 @@ from compplan.job.loading import load_path, name_file, refuse_unsettled
 from compplan.job.output import OutputTable
 from compplan.planning.approach import plan_approach, plan_retract
 from compplan.planning.candidates import better_start
-from compplan.planning.checks import find_failures, run_checks, set_up_bench, state_notes
+from compplan.planning.checks import build_check_robot, find_failures, run_checks, state_notes
 from compplan.planning.evaluate import (
     evaluate_model,
     evaluate_run,
@@ -143,7 +143,7 @@ def plan_task(
     task = replace(found.task, links=follow_links(found.task, command.q))
     progress("virtual cell")
     clearance, near = check_clearance(task.start, command.q)
-    bench = set_up_bench(task, timing, job)
+    bench = build_check_robot(task, timing, job)
     if failures := find_failures(task, command, bench, near):
         command = replace(command, status="infeasible", failures=failures)
     after = evaluate_run(task, command.q, bench.cell, bias=bench.bias)

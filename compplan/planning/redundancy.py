@@ -28,7 +28,7 @@ from compplan.planning.limits.torque import read_torques
 from compplan.planning.nlp import Solution, solve_problem
 from compplan.planning.posture.clearance import sweep_margin
 from compplan.planning.posture.collision_scene import CollisionScene
-from compplan.planning.posture.follow import find_torn, turn_about_axis
+from compplan.planning.posture.follow import find_jumps_along, turn_about_axis
 from compplan.planning.posture.settings import PostureProblem, PostureSettings
 from compplan.planning.posture.start import build_start
 from compplan.planning.posture.summary import PostureSummary, Start, summarise_costs
@@ -55,7 +55,7 @@ BEGIN = 0.8
 CLEARANCE_SOLVES, RESERVE, LEAST_SHARE = 6, 1e-3, 0.05
 
 
-class Prices(NamedTuple):
+class CostWeights(NamedTuple):
     """Weights of the costs, relative to the time as a share of the reference run's time."""
 
     band: float = 0.3  #: Of the mean square deflection by inertia, relative to the greatest of the reference run.
@@ -63,7 +63,7 @@ class Prices(NamedTuple):
     smooth: float = 0.3  #: Of the mean square of q'' / a_max.
 
 
-class Measured(NamedTuple):
+class ReferenceRun(NamedTuple):
     """Reference quantities of the program, from a reference run."""
 
     time: float  #: Time along the runs, without smoothing. [s]
@@ -72,15 +72,15 @@ class Measured(NamedTuple):
     passing: Array
 
 
-class Shaped(NamedTuple):
+class OptimisationFigures(NamedTuple):
     """Figures of the optimisation of a start."""
 
     iterations: int  #: Iterations of the solver.
-    names: tuple[str, ...]  #: Free coordinates.
+    names: tuple[str, ...]  #: FreeCoordinates coordinates.
 
 
-class Free(NamedTuple):
-    """Free coordinates at the stations of a task."""
+class FreeCoordinates(NamedTuple):
+    """FreeCoordinates coordinates at the stations of a task."""
 
     rows: NDArray[np.int_]  #: Waypoints that are stations. Shape (k,).
     names: tuple[str, ...]  #: "spin", "lead", "lean", names of extra axes, and "ahead", "left", "up" of a tube.
@@ -109,7 +109,7 @@ class PathRequest:
             return np.inf
 
 
-def find_free(task: PlanTask, posture_choice: PostureSummary, request: PathRequest) -> Free | None:
+def find_free(task: PlanTask, posture_choice: PostureSummary, request: PathRequest) -> FreeCoordinates | None:
     """Find the free coordinates of a posture; None if there are none, or the path has no run to optimise."""
     settings, arm, robot = posture_choice.settings, build_arm(task.robot), task.robot
     leans = {"lead": settings.lead, "lean": settings.lean}
@@ -120,17 +120,17 @@ def find_free(task: PlanTask, posture_choice: PostureSummary, request: PathReque
     if not names or len(arm.arm) != 6 or len(rows) < 3 or not settings.free_spin:
         return None
     room = np.column_stack([*tube.values(), *(np.full(len(rows), np.sin(most)) for most in leans.values())])
-    return Free(rows, tuple(names), path_axes(divide_toolpath(request.nominal, task.origin[rows])), room)
+    return FreeCoordinates(rows, tuple(names), path_axes(divide_toolpath(request.nominal, task.origin[rows])), room)
 
 
 def state_problem(
-    task: PlanTask, free: Free, prices: Prices, beside: Measured, *, torque: bool = False
+    task: PlanTask, free: FreeCoordinates, prices: CostWeights, beside: ReferenceRun, *, torque: bool = False
 ) -> PlanningProblem:
     """Build the problem of posture and speed.
 
     Args:
         task: The task at the start of the posture search.
-        free: Free coordinates.
+        free: FreeCoordinates coordinates.
         prices: Weights of the costs.
         beside: Reference time and deflection.
         torque: Whether joint torques must stay within the efforts of the robot.
@@ -174,8 +174,8 @@ def state_problem(
 
 
 def shape_start(
-    task: PlanTask, start: Start, request: PathRequest, prices: Prices, beside: Measured
-) -> tuple[Start, Shaped] | None:
+    task: PlanTask, start: Start, request: PathRequest, prices: CostWeights, beside: ReferenceRun
+) -> tuple[Start, OptimisationFigures] | None:
     """Solve the program of posture and speed from the start of a task; None if nothing is free or feasible."""
     posture_choice, settings = start.posture_choice, start.settings
     if posture_choice is None or task.missed.any():
@@ -203,11 +203,11 @@ def shape_start(
         while share > LEAST_SHARE and not _keeps_clear(scene, clear + share * (solution.q - clear), settings.clearance):
             share *= 0.5
         clear = clear + share * (solution.q - clear)
-    return None if found is None else (found, Shaped(iterations, free.names))
+    return None if found is None else (found, OptimisationFigures(iterations, free.names))
 
 
 def _follow(
-    task: PlanTask, posture_choice: PostureSummary, request: PathRequest, free: Free, solution: Solution,
+    task: PlanTask, posture_choice: PostureSummary, request: PathRequest, free: FreeCoordinates, solution: Solution,
     settings: PostureSettings,
 ) -> Start | None:  # fmt: skip
     """Interpolate the free coordinates of a solution to every waypoint; None if a joint jumps or leaves its range."""
@@ -231,7 +231,7 @@ def _follow(
     upright = np.sqrt(1.0 - (leans**2).sum(axis=1, keepdims=True))
     rotation = turn_about_axis(turned[:, :, 0], (axes @ np.hstack([leans, upright])[..., None])[..., 0])
     q, reached = reach_pose(arm, q, path.position, rotation)
-    torn = find_torn(q, nominal, settings.most_step).any()
+    torn = find_jumps_along(q, nominal, settings.most_step).any()
     if not reached.all() or torn:
         LOG.debug("posture and speed: not followed (reached %d, torn %s)", reached.sum(), torn)
         return None

@@ -15,7 +15,7 @@ from compplan.io.notes import Stop, list_stops
 from compplan.io.provenance import describe_origin
 from compplan.io.quantities import format_length, format_number
 from compplan.job.job import Job
-from compplan.planning.approach import Passage
+from compplan.planning.approach import AuxiliaryMotion
 from compplan.planning.checks import STOP, Check
 from compplan.planning.executed import ExecutedPath
 from compplan.planning.posture.clearance import ClearanceProfile, summarise_clearance
@@ -46,8 +46,8 @@ class Plan(Shown):
     timing: Timing  #: Times, joint rates and feeds of the command.
     before: Evaluation  #: Deviation of the uncorrected command (`task.q_uncorrected`) as modelled.
     after: Evaluation  #: Deviation of the command in the independent check, as modelled.
-    approach: Passage  #: Motion to the first waypoint, if the toolpath does not start with a rapid move.
-    retract: Passage  #: Motion from the last waypoint, if the toolpath ends in a cut.
+    approach: AuxiliaryMotion  #: Motion to the first waypoint, if the toolpath does not start with a rapid move.
+    retract: AuxiliaryMotion  #: Motion from the last waypoint, if the toolpath ends in a cut.
     between: Between  #: Deviation of the loaded tip between waypoints, by the planner's model.
     motion: Motion | None  #: Contribution of the motion of the arm to the band; None without masses on springs.
     checks: tuple[Check, ...] = ()  #: Checks with values and limits, and notes.

@@ -56,14 +56,14 @@ class Between(NamedTuple):
         return float(self.most.max(initial=0.0))
 
 
-def judged_moves(task: PlanTask) -> NDArray[np.int_]:
+def cutting_moves(task: PlanTask) -> NDArray[np.int_]:
     """Return the moves of the cut, by their first waypoint."""
     return np.flatnonzero(~task.nominal.rapid[1:] & ~task.lead[1:])
 
 
 def measure_between(task: PlanTask, q: Array) -> Between:
     """Compute the deviation of the loaded tip between waypoints of a command (n, nq), as modelled."""
-    moves, n = judged_moves(task), len(task)
+    moves, n = cutting_moves(task), len(task)
     joint, cartesian = np.zeros(n - 1), np.zeros(n - 1)
     plain = locate_frames(task.chain, q).tcp_position
     for share in SHARES:
@@ -111,7 +111,7 @@ def _attain(
     return task.see_position(tip if bias is None else tip + loaded)
 
 
-def wanted_pieces(stray: Array, chord: float) -> NDArray[np.int_]:
+def required_pieces(stray: Array, chord: float) -> NDArray[np.int_]:
     """Return the number of pieces of each move with a deviation (n - 1,) [m] for a deviation within `chord` [m]."""
     excess = stray / max(chord, 1e-12)
     return np.where(excess > 1.0, np.ceil(np.sqrt(1.2 * excess)), 1.0).astype(int)

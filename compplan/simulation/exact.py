@@ -126,13 +126,13 @@ class ExactRobotBuilder:
             compliance[start : start + len(matrix), start : start + len(matrix)] = matrix
             start += len(matrix)
         select, shifts = np.array([row for row, _ in self.rows]), np.array([value for _, value in self.rows])
-        lifts = self._settle_masses()
+        lifts = self._add_masses()
         elastic = np.array(self.elastic, int)
         return ExactRobot(
             self.model, tcp, select, shifts, elastic, compliance, self.weighs, lifts, self.ground, self.gravity
         )
 
-    def _settle_masses(self) -> tuple[tuple[int, float, Array], ...]:
+    def _add_masses(self) -> tuple[tuple[int, float, Array], ...]:
         """Add the masses to their joints, and return joints with a total mass of zero or less."""
         lifts = []
         for joint, masses in self.hung.items():
@@ -158,14 +158,14 @@ class ExactRobotBuilder:
         self.rows.append((np.zeros(len(self.names)) if row is None else row, shift))
 
 
-def build_exact_robot(robot: Robot, *, standing: bool = False) -> ExactRobot:
+def build_exact_robot(robot: Robot, *, inertial: bool = False) -> ExactRobot:
     """Build the Pinocchio model of a robot in memory, springs as joints; `read_exact_robot` reads a folder.
 
     Args:
         robot: The robot.
-        standing: Whether the model is in the frame of the ground (inertial), even if a positioner carries the part.
+        inertial: Whether the model is in the frame of the ground (inertial), even if a positioner carries the part.
     """
-    names, robot = robot.joint_names, robot.alone if standing else robot
+    names, robot = robot.joint_names, robot.alone if inertial else robot
     down = robot.loading_gravity
     builder = ExactRobotBuilder(names, np.zeros(3) if down is None else down)
     masses = [(body.link, body.mass, body.centre, body.inertia) for body in robot.loading_bodies]
@@ -228,7 +228,7 @@ def solve_exact_pose(
             earlier, before, theta = (
                 before,
                 theta,
-                _settle(exact_robot, data, rigid[i], load[i], more[i], start, tolerance),
+                _solve_equilibrium(exact_robot, data, rigid[i], load[i], more[i], start, tolerance),
             )
         except ConvergenceError as error:
             message = f"{error} at waypoint {i} under {np.linalg.norm(load[i, :3]):.3g} N"
@@ -241,7 +241,7 @@ def solve_exact_pose(
     return position, rotation, thetas
 
 
-def _settle(
+def _solve_equilibrium(
     exact_robot: ExactRobot, data: pin.Data, rigid: Array, wrench: Array, bias: Array, theta: Array, tolerance: float
 ) -> Array:
     """Iterate theta <- C tau(theta) until the step, or the next one extrapolated from the last two, is negligible."""

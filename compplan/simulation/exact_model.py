@@ -59,7 +59,7 @@ def read_exact_robot(
         if gravity is not None:
             masses = [m for m in masses if m[0] not in own] + new
         elif stated.mass_kg is not None:
-            masses, gravity = new + tree.seen_from(flange, [m for m in masses if m[0] in own]), GRAVITY
+            masses, gravity = new + tree.negate_masses(flange, [m for m in masses if m[0] in own]), GRAVITY
         names = [name for name in names if name not in beyond]
     builder = ExactRobotBuilder([*carrying, *tree.commanded(names)], np.zeros(3) if gravity is None else gravity)
     for name in back:  # from the link that carries the part to the ground: every motion reversed
@@ -187,7 +187,7 @@ class _Tree:
             found.append((carrier, mass, place.translation, place.rotation @ _tensor(inertia) @ place.rotation.T))
         return found
 
-    def seen_from(self, flange: str, masses: list[Mass]) -> list[Mass]:
+    def negate_masses(self, flange: str, masses: list[Mass]) -> list[Mass]:
         """Return masses as negative masses in the flange frame, for their weight only."""
         back, none = self.where[flange].inverse(), np.zeros((3, 3))
         seen = [(mass, np.asarray((back * self.where[link]).act(centre))) for link, mass, centre, _ in masses]

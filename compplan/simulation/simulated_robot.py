@@ -78,7 +78,7 @@ def run_simulated_robot(
     return SimulatedRun(see_position(position, cell.displacement), see_rotation(rotation, cell.displacement))
 
 
-def touch_cell(cell: SimulatedRobot, q: Array, shown: Array) -> SimulatedRobot:
+def with_touched_part(cell: SimulatedRobot, q: Array, shown: Array) -> SimulatedRobot:
     """Return the simulated robot with the part frame measured by touching with that robot.
 
     q: joint positions at the touched points, (k, nq) [rad or m]; shown: tip in the controller's display, (k, 3) [m].

@@ -24,7 +24,7 @@ class TorqueRules:
 
     def __init__(self, robot: Robot, q: Array, wrench: Array) -> None:
         weighed = replace(robot, springs=(), link_elasticities=(), gravity=np.array([0.0, 0.0, -9.81]))
-        rigid = build_exact_robot(weighed, standing=True)
+        rigid = build_exact_robot(weighed, inertial=True)
         if robot.ground:
             turn = np.swapaxes(locate_frames(build_chain(robot), q).ground, 1, 2)
             wrench = np.hstack([(turn @ part[..., None])[..., 0] for part in (wrench[:, :3], wrench[:, 3:])])

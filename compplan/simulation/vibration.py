@@ -39,7 +39,7 @@ class Dynamics:
 
     exact_robot: ExactRobot  #: Model without gravity.
     #: The same in the frame of the ground (inertial); different only if a positioner carries the part.
-    standing: ExactRobot
+    inertial: ExactRobot
     compliance: Array  #: Compliance of the elastic coordinates. Shape (s, s).
 
     @property
@@ -65,7 +65,7 @@ def build_dynamics(robot: Robot) -> Dynamics:
     exact_robot = build_exact_robot(weightless)
     return Dynamics(
         exact_robot,
-        build_exact_robot(weightless, standing=True) if robot.ground else exact_robot,
+        build_exact_robot(weightless, inertial=True) if robot.ground else exact_robot,
         exact_robot.compliance,
     )
 
@@ -98,7 +98,7 @@ def find_modes(dynamics: Dynamics, q: Array, count: int) -> list[ModeShapes]:
     return found
 
 
-def ring(
+def modal_response(
     modes: list[ModeShapes], places: NDArray[np.int_], time: Array, loads: Sequence[Array], mix: Array, scale: Array,
     damping: Array,
 ) -> Array:  # fmt: skip
@@ -124,19 +124,19 @@ def ring(
         for some in (order[k : k + size] for k in range(0, len(mix), size)):
             start = int(begin[some].min())
             parts = np.stack([load[start:last] @ own.shape for load in loads])
-            push = np.einsum("db,bnm->ndm", mix[some], parts)
-            if not push.any():
+            force = np.einsum("db,bnm->ndm", mix[some], parts)
+            if not force.any():
                 continue
             omega = scale[some, None] * own.omega
-            answer = _answer(time[start:last], push, omega, damping[some, None], begin[some] - start) - push / omega**2
+            eta = _integrate_modes(time[start:last], force, omega, damping[some, None], begin[some] - start)
             # a factor on frequencies is one on compliances: modes keep their static share
-            moved = (answer[first - start :] * scale[some, None] ** 2) @ own.tip.T
+            moved = ((eta - force / omega**2)[first - start :] * scale[some, None] ** 2) @ own.tip.T
             found[some, first:last] = np.swapaxes(moved, 0, 1)
     return found
 
 
-def _answer(time: Array, push: Array, omega: Array, damping: Array, begin: NDArray[np.int_]) -> Array:
-    """Solve eta'' + 2 z w eta' + w^2 eta = push from static equilibrium, push linear between rows.
+def _integrate_modes(time: Array, force: Array, omega: Array, damping: Array, begin: NDArray[np.int_]) -> Array:
+    """Solve eta'' + 2 z w eta' + w^2 eta = force from static equilibrium, force linear between rows.
 
     Shape (n, d, m), one column per mode of an arm; all modes form one banded system of equations. Arm d is at rest
     under the load until row begin[d].
@@ -149,12 +149,12 @@ def _answer(time: Array, push: Array, omega: Array, damping: Array, begin: NDArr
     if (small := np.abs(x) < 1e-3).any():
         near = x[small]
         whole[small], late[small] = 1.0 + near / 2 + near**2 / 6, 0.5 + near / 6
-    gain = (x / rate) * ((whole - late) * push[:-1] + late * push[1:])
-    still = np.arange(1, len(time))[:, None] <= begin
-    right = np.concatenate([push[:1] * -1.0 / rate, np.where(still[..., None], push[1:] * -1.0 / rate, gain)])
-    bands = np.ones((2, push.size), complex, order="F")
-    kept = np.where(still[..., None], 0.0, -decay)
+    gain = (x / rate) * ((whole - late) * force[:-1] + late * force[1:])
+    static = np.arange(1, len(time))[:, None] <= begin
+    right = np.concatenate([force[:1] * -1.0 / rate, np.where(static[..., None], force[1:] * -1.0 / rate, gain)])
+    bands = np.ones((2, force.size), complex, order="F")
+    kept = np.where(static[..., None], 0.0, -decay)
     bands[1] = np.concatenate([kept, np.zeros((1, *omega.shape))]).reshape(len(time), -1).T.ravel()
     right = right.reshape(len(time), -1).T.reshape(-1, 1)
     state = ztbtrs(bands, right, uplo="L", diag="U", overwrite_b=True)[0].reshape(omega.size, -1).T
-    return np.asarray(state.imag.reshape(push.shape) / (omega * np.sqrt(1.0 - damping**2)))
+    return np.asarray(state.imag.reshape(force.shape) / (omega * np.sqrt(1.0 - damping**2)))

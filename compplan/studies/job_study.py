@@ -11,7 +11,7 @@ from compplan.errors import InputError
 from compplan.io.provenance import note_seed
 from compplan.job.job import Job
 from compplan.job.noise import NoiseTable
-from compplan.planning.compare import Comparison, Drawn, compare_task
+from compplan.planning.compare import Comparison, MonteCarloResult, compare_task
 from compplan.planning.plan import build_task, prepare_job
 from compplan.planning.task import PlanTask
 from compplan.studies.runner import LEAST_SAMPLES, Run, Settings, discard_chunks, run_study
@@ -105,11 +105,11 @@ def compare_job(job: Job, *, announce: Callable[[str], None] = lambda text: None
     return replace(comparison, job=job, drawn=draw_strategies(task, job.noise, read_force_spread(job)))
 
 
-def draw_strategies(task: PlanTask, noise: NoiseTable, force: ForceSpread, draws: int = DRAWS) -> Drawn:
+def draw_strategies(task: PlanTask, noise: NoiseTable, force: ForceSpread, draws: int = DRAWS) -> MonteCarloResult:
     """Let every strategy cut the path on the drawn robots of a Monte Carlo study, the same ones for all."""
     study = prepare_study(task, noise, most_waypoints=WAYPOINTS, force=force)
     found = run_study(study, Settings(draws, SEED), workforce=Workers(workers=1)).evaluated.rms
     rms = dict(zip(study.strategies, found.T, strict=True))
     ends = {name: estimate_quantile(values, 0.5) for name, values in rms.items()}
     source = f"{robot_uncertainty(task.robot).source}; force {force.source}"
-    return Drawn(source, rms, {name: (median.low, median.high) for name, median in ends.items()})
+    return MonteCarloResult(source, rms, {name: (median.low, median.high) for name, median in ends.items()})

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from compplan.effects.attained import attain_with_effects
 from compplan.errors import InputError
 from compplan.job.noise import NoiseTable
-from compplan.planning.strategies.online import ONLINE, Answer, answer_reading, list_strategies, prepare_answers
+from compplan.planning.strategies.online import ONLINE, OnlineCommand, correct_online, list_strategies, prepare_commands
 from compplan.planning.task import PlanTask
 from compplan.robot import Array
 from compplan.statics.encoders import actuator_selection, control_equilibrium, feedback_scale
@@ -64,7 +64,7 @@ class Study:
 
     task: PlanTask  #: The task, thinned where it is long.
     waypoints_of_path: int  #: Number of waypoints of the whole path.
-    answers: dict[str, Answer]  #: The strategies.
+    answers: dict[str, OnlineCommand]  #: The strategies.
     workers: dict[str, Worker]  #: The same, ready for many samples.
     kernel: Kernel  #: The kernel.
     touch: Touch | None  #: How a robot finds the part, None where its frame is absolute.
@@ -108,22 +108,22 @@ def prepare_study(
     thin = thin_task(task, most_waypoints)
     if announce:
         announce(f"prepare {len(chosen)} strategies")
-    blind = prepare_answers(task, [name for name in chosen if name not in ONLINE])
+    blind = prepare_commands(task, [name for name in chosen if name not in ONLINE])
     rows = thin_rows(len(task), most_waypoints)
     answers = {name: _thin_answer(answer, rows) for name, answer in blind.items()}
-    answers |= prepare_answers(thin, [name for name in chosen if name in ONLINE])
+    answers |= prepare_commands(thin, [name for name in chosen if name in ONLINE])
     return assemble_study(thin, noise, {name: answers[name] for name in chosen}, len(task), force)
 
 
 def assemble_study(
-    thin: PlanTask, noise: NoiseTable, answers: dict[str, Answer], waypoints: int, force: ForceSpread | None = None
+    thin: PlanTask, noise: NoiseTable, answers: dict[str, OnlineCommand], count: int, force: ForceSpread | None = None
 ) -> Study:
-    """Put together what all samples share, of a thinned task of a path of `waypoints` and answers prepared for it."""
+    """Assemble what all samples share: a thinned task of a path of `count` waypoints, and commands prepared for it."""
     selection = actuator_selection(thin.chain)
     cut = np.flatnonzero(thin.compensated)
     return Study(
         task=thin,
-        waypoints_of_path=waypoints,
+        waypoints_of_path=count,
         answers=answers,
         workers={name: _make_worker(thin, c, selection, noise) for name, c in answers.items()},
         kernel=build_kernel(thin.chain),
@@ -160,12 +160,12 @@ def thin_study(study: Study, most: int) -> Study:
     return assemble_study(thin, study.noise, answers, study.waypoints_of_path, study.surroundings.posterior.force)
 
 
-def _thin_answer(answer: Answer, rows: NDArray[np.int_]) -> Answer:
+def _thin_answer(answer: OnlineCommand, rows: NDArray[np.int_]) -> OnlineCommand:
     gain, expected = (None if part is None else part[rows] for part in (answer.gain, answer.expected))
     return replace(answer, q=answer.q[rows], gain=gain, expected=expected)
 
 
-def _make_worker(task: PlanTask, answer: Answer, selection: Array, noise: NoiseTable) -> Worker:
+def _make_worker(task: PlanTask, answer: OnlineCommand, selection: Array, noise: NoiseTable) -> Worker:
     beta = 0.0 if answer.beta is None else answer.beta
     state = control_equilibrium(task.chain, answer.q, task.wrench, feedback=answer.feedback, beta=beta)
     between = selection.any(axis=0)
@@ -232,7 +232,7 @@ def run_strategy(study: Study, name: str, cells: Cells) -> Array:
     worker = study.workers[name]
     q = np.broadcast_to(worker.q, (len(worker.q), *cells.shift.shape[1:]))
     if worker.gain is not None and worker.expected is not None:
-        q = worker.q + answer_reading(worker.gain, cells.wrench + cells.force - worker.expected)
+        q = worker.q + correct_online(worker.gain, cells.wrench + cells.force - worker.expected)
     return _cut_part(study, worker, cells, q)
 
 

@@ -25,7 +25,7 @@ from compplan.job.noise import NoiseTable
 from compplan.robot import Array, Robot
 from compplan.robot.pose import rigid_columns
 from compplan.robot.uncertainty import Uncertainty, split_unknowns
-from compplan.simulation.vibration import MODES, POSTURES, Dynamics, find_modes, ring
+from compplan.simulation.vibration import MODES, POSTURES, Dynamics, find_modes, modal_response
 
 #: Relative standard deviation of the masses that move, where the folder states them and where they are assumed
 #: (assumed: makers state arms to some 10 %; shares of links guessed from the whole arm err by more).
@@ -88,15 +88,15 @@ def swing_arm(
     held: the load that the plan compensates, nothing where it compensates none; width: relative standard deviation of
     masses and compliances together; damping: share of critical damping; source: what masses and damping rest on.
     """
-    places = np.unique(np.linspace(0, len(q) - 1, min(POSTURES, len(q))).astype(int))
-    modes = find_modes(dynamics, q[places], MODES)
+    rows = np.unique(np.linspace(0, len(q) - 1, min(POSTURES, len(q))).astype(int))
+    modes = find_modes(dynamics, q[rows], MODES)
     level = ndtri((np.arange(DRAWS) + 0.5) / DRAWS)
     level /= np.sqrt(np.mean(level**2))  # a dozen even draws spread less than the distribution
     spread = np.sqrt(np.log1p(width**2))  # of the logarithm, for a relative deviation: lognormal, mean 1
     factors = np.exp(spread * level - 0.5 * spread**2)
     dampings = np.clip(damping * DAMPING_FACTOR ** level[(7 * np.arange(DRAWS)) % DRAWS], 1e-3, 0.9)
     mix = np.column_stack([np.r_[factors, 1.0], -np.r_[np.ones(DRAWS), 0.0]])
-    more = ring(modes, places, time, [moving.load, held.load], mix, mix[:, 0] ** -0.5, np.r_[dampings, damping])
+    more = modal_response(modes, rows, time, [moving.load, held.load], mix, mix[:, 0] ** -0.5, np.r_[dampings, damping])
     more += np.einsum("db,bni->dni", mix, [moving.static, held.static])
     error, answer = more[:-1], more[-1]
     return Motion(error, answer, moving.static, source)

@@ -18,7 +18,7 @@ from compplan.controllers.writers.joint_convention import locate_pendant
 from compplan.errors import InputError
 from compplan.job.frames import PartTable, ToolTable
 from compplan.job.job import check_job
-from compplan.planning.notes import ask_about_tool, look_at_spindle
+from compplan.planning.notes import check_spindle, check_tool
 from compplan.robot import load_robot, robot_folders
 from compplan.simulation.exact import build_exact_robot, solve_exact_pose
 from compplan.simulation.exact_model import read_exact_robot
@@ -179,13 +179,13 @@ def _floats(value: Any) -> Any:
 def test_an_unconfirmed_pendant_and_a_spindle_below_the_part_are_asked_about() -> None:
     base = {"schema": 1, "robot": "doosan_m1013", "toolpath": "a.nc"}
     job = check_job({**base, "tool": {"frame": "pendant", "abc_deg": [0.0, 0.0, 0.0]}})
-    notes = ask_about_tool(job, load_robot("doosan_m1013"))
+    notes = check_tool(job, load_robot("doosan_m1013"))
     assert len(notes) == 1 and "not confirmed" in notes[0]
-    assert not ask_about_tool(job, load_robot("kuka_kr16_2"))
+    assert not check_tool(job, load_robot("kuka_kr16_2"))
     up, down = np.tile(Z, (3, 1)), np.tile(-Z, (3, 1))
-    assert not look_at_spindle(up, job) and "on the side of -z" in look_at_spindle(down, job)
+    assert not check_spindle(up, job) and "on the side of -z" in check_spindle(down, job)
     turned = check_job({**base, "part": {"rotation_deg": [180.0, 0.0, 0.0]}})
-    assert not look_at_spindle(down, turned) and look_at_spindle(up, turned)
+    assert not check_spindle(down, turned) and check_spindle(up, turned)
 
 
 def test_doctor_says_which_way_tool_0_jogs(monkeypatch, capsys) -> None:

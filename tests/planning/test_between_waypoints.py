@@ -12,7 +12,7 @@ from scipy.integrate import odeint
 import compplan as cp
 from compplan.job.job import check_job
 from compplan.planning.approach import DWELL
-from compplan.planning.checks import run_checks, set_up_bench
+from compplan.planning.checks import build_check_robot, run_checks
 from compplan.planning.feed import time_run
 from compplan.planning.fixed_point import resolve_starts
 from compplan.planning.motion_limits import measure_use
@@ -121,7 +121,7 @@ def test_milling_above_the_stock_and_straight_down_carries_no_lateral_force(tmp_
 
 def test_a_check_of_moves_names_the_waypoint_after_which_either_way_strays(tmp_path):
     plan = cp.plan_job(three_points(tmp_path, CONSTANT))
-    bench = set_up_bench(plan.task, plan.timing, None)
+    bench = build_check_robot(plan.task, plan.timing, None)
     move = int(np.flatnonzero(plan.task.cut)[3])
 
     def say(way):
@@ -208,7 +208,7 @@ def test_the_inertia_of_the_motion_is_compensated_and_judged_unless_a_job_says_n
     assert plain.inertia > 2e-5 and not plain.task.inertia
     assert plan.status == "solved" and plan.task.inertia and plan.inertia > 2e-5
     assert plan.after.max_deviation < 0.2 * plan.inertia  # the judge takes masses and motion by itself
-    moving = set_up_bench(plan.task, plan.timing, None).bias
+    moving = build_check_robot(plan.task, plan.timing, None).bias
     loaded = attain_pose(plan.task.chain, plan.q, plan.task.wrench, slope=False, torque_bias=moving).position
     off = np.linalg.norm(loaded - plan.task.position, axis=1)[plan.task.cut]
     still = attain_pose(plan.task.chain, plan.q, plan.task.wrench, slope=False).position
@@ -239,7 +239,7 @@ def test_rows_beside_a_rest_are_so_near_that_they_tell_how_gently_a_run_starts(t
     beside = rests + np.tile([1, -1], len(rests) // 2)
     step = np.abs(time[beside] - time[rests])[:, None]
     push = (q[beside] - q[rests]) / step / (0.5 * (step + DWELL))  # it stands still on the other side
-    load = load_by_motion(build_dynamics(plan.robot).standing, q[rests], 0 * push, push)
+    load = load_by_motion(build_dynamics(plan.robot).inertial, q[rests], 0 * push, push)
     bent, still = (
         attain_pose(task.chain, q[rests], task.wrench[rests], slope=False, torque_bias=bias).position
         for bias in (load, None)
@@ -270,7 +270,7 @@ def test_a_point_that_stands_twice_in_a_path_puts_no_load_on_the_arm(tmp_path):
     inside, moves = np.array([False, True, True, True, True, False]), np.array([False, True, True, True, True, True])
     load = load_motion(build_moving_chain(robot), q, time, inside)
     assert np.abs(load).max() < 1e-3
-    evaluated = load_springs(build_dynamics(robot).standing, q, time, moves, np.zeros(6, bool))
+    evaluated = load_springs(build_dynamics(robot).inertial, q, time, moves, np.zeros(6, bool))
     assert np.abs(evaluated).max() < 1e-3
 
 
@@ -328,7 +328,7 @@ def test_a_start_from_rest_is_divided_where_its_acceleration_bends_the_arm_by_mo
     bends = []
     for rest, move, way in ((0, 0, 1.0), (-1, -2, -1.0)):
         push = way * 2.0 * (task.q_start[move + 1] - task.q_start[move]) / (time[move + 1] - time[move]) ** 2
-        load = load_by_motion(build_dynamics(robot).standing, task.q_start[[rest]], 0.0 * push[None], push[None])
+        load = load_by_motion(build_dynamics(robot).inertial, task.q_start[[rest]], 0.0 * push[None], push[None])
         bent, plain = (
             attain_pose(task.chain, task.q_start[[rest]], task.wrench[[rest]], slope=False, torque_bias=bias).position
             for bias in (load, None)

@@ -15,7 +15,7 @@ from commandline import run_command
 
 from compplan.io.notes import list_remarks, list_stops
 from compplan.job.job import check_job
-from compplan.planning.notes import ask_about_tool, describe_causes, describe_spindle
+from compplan.planning.notes import check_tool, describe_causes, describe_spindle
 from compplan.robot import load_robot, robot_folders
 from compplan.robot.mounting import mounted_tool, name_axis, outward_axis
 from compplan.statics.chain import build_chain, locate_frames
@@ -129,7 +129,7 @@ def test_a_new_job_stands_within_reach_with_a_tool_that_is_straight(tmp_path, mo
     assert "put yours" in text.partition("position_mm")[2].partition("\n")[0] and len(text.splitlines()) < 45
     assert "corners of the cut" not in text  # goes on with a line that --short leaves out
     job = check_job(data, tmp_path / "part.toml")
-    assert job.tool is not None and not ask_about_tool(job, load_robot(name))
+    assert job.tool is not None and not check_tool(job, load_robot(name))
     robot = job.tool.mount(load_robot(name))
     around = np.array([[0, 0, -1], [60, 0, -1], [60, 40, -1], [0, 40, -1]])
     corners = 1e-3 * (np.array(job.part.position_mm) + around)
@@ -143,13 +143,13 @@ def test_a_new_job_stands_within_reach_with_a_tool_that_is_straight(tmp_path, mo
 def test_a_tool_that_leaves_the_flange_sideways_is_asked_about() -> None:
     job = {**JOB, "robot": "kuka_kr16_2", "tool": {"position_mm": [0.0, 0.0, 150.0]}}
     kuka, ur = load_robot("kuka_kr16_2"), load_robot("ur10")
-    (note,) = ask_about_tool(check_job(job), kuka)
+    (note,) = check_tool(check_job(job), kuka)
     assert "90 deg away from the direction x" in note and "compplan init --robot kuka_kr16_2 writes" in note
-    assert not ask_about_tool(check_job({**job, "collision": {"tool": "spindle.stl"}}), kuka)
-    assert not ask_about_tool(check_job({**JOB, "tool": {"position_mm": [0.0, 0.0, 150.0]}}), ur)  # z leaves a ur10
-    (note,) = ask_about_tool(check_job({**JOB, "tool": {"position_mm": [280.0, 0.0, 30.0]}}), ur)
+    assert not check_tool(check_job({**job, "collision": {"tool": "spindle.stl"}}), kuka)
+    assert not check_tool(check_job({**JOB, "tool": {"position_mm": [0.0, 0.0, 150.0]}}), ur)  # z leaves a ur10
+    (note,) = check_tool(check_job({**JOB, "tool": {"position_mm": [280.0, 0.0, 30.0]}}), ur)
     assert "The tip lies 83.9 deg aside of the direction z" in note
-    (note,) = ask_about_tool(check_job({**JOB, "tool": {"position_mm": [0.0, 0.0, 1200.0]}}), ur)
+    (note,) = check_tool(check_job({**JOB, "tool": {"position_mm": [0.0, 0.0, 1200.0]}}), ur)
     assert list_stops(["a remark", note]) == [note] and list_remarks(["a remark", note]) == ["a remark"]
     assert "1200 mm long" in note and "tool.position_mm in mm" in note
 

@@ -16,7 +16,7 @@ import trimesh
 
 from compplan.errors import ShapeError
 from compplan.io.quantities import format_length
-from compplan.planning.approach import Passage
+from compplan.planning.approach import AuxiliaryMotion
 from compplan.planning.compare import Comparison
 from compplan.planning.result import Plan
 from compplan.planning.sampling import Between
@@ -75,7 +75,7 @@ def make_plan(n: int = 400, name: str = "kuka_kr270") -> Plan:
     timing = replace(state_timing(task, q, time), feed=np.full(n, 0.05), share=np.ones(n))
     before = Evaluation(nominal.position + away, rotation, away, np.zeros(n), ~rapid)
     after = replace(before, position=nominal.position + 1e-4 * away, deviation=1e-4 * away)
-    nowhere = Passage(np.zeros((0, 6)), np.zeros(0), np.zeros((0, 6)), np.zeros((0, 3)), np.zeros((0, 6)), np.zeros(0))
+    nowhere = AuxiliaryMotion(*(np.zeros(shape) for shape in ((0, 6), 0, (0, 6), (0, 3), (0, 6), 0)))
     return Plan(
         name="Circle <test>", task=task, strategy="nlp", command=Command(q), timing=timing, before=before, after=after,
         approach=nowhere, retract=nowhere,

@@ -114,4 +114,4 @@ def test_a_mass_on_a_torsion_spring_rings_at_its_closed_form_and_is_bent_by_its_
     dynamics, inertia, none = build_dynamics(robot), 12.0 * 0.8**2, np.zeros((1, 1))
     found = natural_frequencies(dynamics, none, 1)
     assert found[0, 0] == pytest.approx(1.0 / (2 * np.pi * np.sqrt(2e-5 * inertia)), rel=1e-6)
-    assert load_by_motion(dynamics.standing, none, none, none + 3.0)[0, 0] == pytest.approx(-3.0 * inertia, rel=1e-6)
+    assert load_by_motion(dynamics.inertial, none, none, none + 3.0)[0, 0] == pytest.approx(-3.0 * inertia, rel=1e-6)

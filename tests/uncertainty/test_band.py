@@ -25,7 +25,7 @@ from compplan.planning.plan import plan_job
 from compplan.robot import load_robot
 from compplan.robot.pose import fit_displacement
 from compplan.robot.uncertainty import Uncertainty, Unknown
-from compplan.simulation.vibration import MODES, build_dynamics, find_modes, ring
+from compplan.simulation.vibration import MODES, build_dynamics, find_modes, modal_response
 from compplan.statics.inertia import build_moving_chain, load_motion
 from compplan.uncertainty.assumed import free_base
 from compplan.uncertainty.band import estimate_band, linearise_path
@@ -261,7 +261,7 @@ def test_a_mass_on_a_spring_rings_as_an_integration_in_small_steps_says(
     omega = scale * modes[0].omega[0]
     assert modes[0].omega[0] == pytest.approx((1e-5 * 20.0) ** -0.5, rel=1e-3)
     one, share = np.ones((1, 1)), np.array([damping])
-    more = ring(modes, np.array([0]), time, [load], one, np.array([scale]), share)[0]
+    more = modal_response(modes, np.array([0]), time, [load], one, np.array([scale]), share)[0]
     static = 1e-5 * load[:, 0]
 
     def change(t: float, x: np.ndarray) -> list[float]:

@@ -50,7 +50,7 @@ def measure_bend(task: PlanTask, q: Array) -> Array:
 
     Shape (k, 3, nq + nq (nq + 1) / 2). [m per rad/s^2 and per rad^2/s^2, or with m]
     """
-    robot, nq, unit = build_dynamics(task.robot).standing, q.shape[1], np.eye(q.shape[1])
+    robot, nq, unit = build_dynamics(task.robot).inertial, q.shape[1], np.eye(q.shape[1])
     columns = jacobian(task.chain, locate_frames(task.chain, q))[:, :3, task.chain.spring_elements]
     columns, data, none = columns @ task.chain.compliance, robot.model.createData(), np.zeros(robot.model.nv)
     both = list(combinations_with_replacement(range(nq), 2))

@@ -14,7 +14,7 @@ from scipy.interpolate import PchipInterpolator
 
 from compplan.errors import InfeasibleError
 from compplan.planning.posture.costs import SINGULARITY_MARGIN, Weights, choose_weights
-from compplan.planning.posture.follow import find_torn, turn_about_axis
+from compplan.planning.posture.follow import find_jumps_along, turn_about_axis
 from compplan.planning.posture.lattice import (
     COLLISION,
     JOINT_LIMIT,
@@ -144,7 +144,7 @@ def _choose_at(
     if trace.missed.any():
         trace = trace_line(problem, stations, fine.options, chosen, smooth=False)
     bad, rows = trace.missed.copy(), pick_even(np.arange(len(trace.q)), MARGIN_SAMPLES)
-    bad[rows] |= problem.come_too_near(trace.q[rows])
+    bad[rows] |= problem.violates_clearance(trace.q[rows])
     posture_choice = PostureSummary(
         **vars(trace), configuration=CONFIGURATIONS[int(np.bincount(chosen.slot).argmax())],
         changes=_list_changes(chosen, stations), settings=settings,
@@ -209,7 +209,7 @@ def _search_clear(
     lattice = lattice.refuse(lattice.limits > 0, JOINT_LIMIT) if away else lattice
     for _ in range(COLLISION_ROUNDS):
         line = search_line(lattice, rungs, weights, problem.robot, start=settings.start, room=room, partial=partial)
-        rows, near = np.arange(len(line.option)), problem.come_too_near(line.q)
+        rows, near = np.arange(len(line.option)), problem.violates_clearance(line.q)
         if not near.any():
             return lattice, line
         reason = lattice.reason.copy()
@@ -217,7 +217,7 @@ def _search_clear(
         suspects = np.zeros(reason.shape, bool)
         suspects[rows[near], :, line.slot[near]] = True
         node = np.nonzero(suspects & replace(lattice, reason=reason).usable)
-        hits = problem.come_too_near(lattice.q[node])
+        hits = problem.violates_clearance(lattice.q[node])
         reason[tuple(index[hits] for index in node)] = COLLISION
         lattice = replace(lattice, reason=reason)
     worst = lattice.stations[near]
@@ -299,13 +299,13 @@ def trace_line(
         followed[lost] = refine_ik(arm, between[lost], nominal.position[lost], rotation[lost])
         error = pose_error(arm.chain, followed[lost], nominal.position[lost], rotation[lost])
         lost[lost] = np.abs(error).max(axis=1) > CLOSE
-    torn = find_torn(followed, nominal, most_step)
+    torn = find_jumps_along(followed, nominal, most_step)
     if problem.settings.free_spin and (lost | torn).any():
         stretch = _whole_stretches(lost | torn, stations)
         wanted = nominal.position[stretch], rotation[stretch]
         followed[stretch], reached = reach_tip_and_axis(arm, between[stretch], *wanted)
         lost[stretch] = ~reached
-        torn = find_torn(followed, nominal, most_step)
+        torn = find_jumps_along(followed, nominal, most_step)
         rotation = np.array(rotation)
         rotation[stretch] = locate_frames(arm.chain, followed[stretch]).tcp_rotation
         turned = np.swapaxes(upright[stretch], 1, 2) @ rotation[stretch]

@@ -42,10 +42,10 @@ def follow_path(
         stations[k] = q[0]
     path = interpolate(np.arange(n), rows, stations)
     path, reached = reach_tip_and_axis(arm, path, nominal.position, rotation, spin_free=spin_free, every_joint=True)
-    return path, ~reached | find_torn(path, nominal, most_step)
+    return path, ~reached | find_jumps_along(path, nominal, most_step)
 
 
-def find_torn(q: Array, nominal: Toolpath, most_step: float) -> NDArray[np.bool_]:
+def find_jumps_along(q: Array, nominal: Toolpath, most_step: float) -> NDArray[np.bool_]:
     """Return which waypoints of a cut require a jump of a joint."""
     torn = np.zeros(len(q), bool)
     torn[1:] = np.abs(np.diff(q, axis=0)).max(axis=1) > most_step

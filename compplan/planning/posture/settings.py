@@ -81,7 +81,7 @@ class PostureProblem:
         """Arm for inverse kinematics."""
         return build_arm(self.robot)
 
-    def come_too_near(self, q: Array) -> NDArray[np.bool_]:
+    def violates_clearance(self, q: Array) -> NDArray[np.bool_]:
         """Return which postures (m, nq) violate the clearance; none without a collision scene. Shape (m,)."""
         scene, wanted = self.settings.scene, self.settings.clearance
         return np.zeros(len(q), bool) if scene is None else measure_margin(scene, q, wanted) < 0

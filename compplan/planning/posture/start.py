@@ -178,7 +178,7 @@ def find_partial(problem: PostureProblem, reason: str) -> Start:
     if not found.missed.any():
         start = build_start(found, nominal, problem.settings)
         return replace(start, notes=(f"{reason} The posture is that without anything in the way.", *start.notes))
-    return _say_missed(problem, Start(nominal, found.q, found.rotation, found.configuration, found.missed,
+    return _note_missed(problem, Start(nominal, found.q, found.rotation, found.configuration, found.missed,
                                       problem.settings))  # fmt: skip
 
 
@@ -197,10 +197,10 @@ def _start_nearest(problem: PostureProblem) -> Start:
     q, _ = reach_tip_and_axis(arm, q, nominal.position, rotation, spin_free=problem.settings.free_spin,
                               every_joint=True)  # fmt: skip
     missed = np.ones(len(nominal), bool)
-    return _say_missed(problem, Start(nominal, q, rotation, name_along(problem.robot, q), missed, problem.settings))
+    return _note_missed(problem, Start(nominal, q, rotation, name_along(problem.robot, q), missed, problem.settings))
 
 
-def _say_missed(problem: PostureProblem, start: Start) -> Start:
+def _note_missed(problem: PostureProblem, start: Start) -> Start:
     """Add a note on the joint limits, or the reach of the arm, that exclude the first missed waypoint of a start."""
     robot, missed, nominal = problem.robot, start.missed, start.nominal
     first = np.flatnonzero(missed)[:1]

@@ -102,7 +102,7 @@ def summarise_costs(problem: PostureProblem, q: Array) -> dict[str, float]:
     }
 
 
-class Easing(NamedTuple):
+class Slowdown(NamedTuple):
     """Slowdown of a run compared with the fastest one: less vibration where the band is widest."""
 
     window: float  #: Smoothing windows as a share of the default ones.
@@ -126,7 +126,7 @@ class Start:
     mend: str = ""  #: Cause and remedy of the first waypoint out of reach, "" if all are reached.
     #: Figures of the program of posture and speed for plan.json; None with the posture of the graph.
     program: Mapping[str, Any] | None = None
-    pace: Easing | None = None  #: Slowdown of the run, None for the fastest one.
+    pace: Slowdown | None = None  #: Slowdown of the run, None for the fastest one.
     #: Offset from the programmed path within its tube, None for none. Shape (n, 3). [m]
     aside: Array | None = None
     #: Programmed tool axis, None if that of `nominal`. Shape (n, 3).

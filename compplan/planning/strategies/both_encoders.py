@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from compplan.identification.reduce import reduce_model
-from compplan.planning.strategies.online import Answer
+from compplan.planning.strategies.online import OnlineCommand
 from compplan.planning.task import PlanTask
 from compplan.robot import Robot
 from compplan.statics.encoders import combined_gain, gear_compliance
@@ -24,12 +24,12 @@ REDUCTION_POSES, REDUCTION_SPREAD = 60, 0.5
 TYPICAL_FORCE = 500.0
 
 
-def prepare(task: PlanTask) -> Answer:
+def prepare(task: PlanTask) -> OnlineCommand:
     """Command the nominal path, controlled by a combination of both encoders."""
     total = np.zeros(task.robot.nq)
     for spring in reduce_near_path(task).springs:
         total[task.robot.joint_names.index(spring.joint)] = spring.compliance
-    return Answer("both_encoders", task.q_start, "combined", combined_gain(gear_compliance(task.chain), total))
+    return OnlineCommand("both_encoders", task.q_start, "combined", combined_gain(gear_compliance(task.chain), total))
 
 
 def reduce_near_path(task: PlanTask) -> Robot:

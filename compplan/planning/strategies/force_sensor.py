@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from compplan.planning.strategies import iterated_mirror
-from compplan.planning.strategies.online import Answer
+from compplan.planning.strategies.online import OnlineCommand
 from compplan.planning.task import PlanTask
 from compplan.statics.elastic import loaded_compliance
 from compplan.statics.stiffness import attain_pose
@@ -13,7 +13,7 @@ from compplan.statics.stiffness import attain_pose
 words = "force sensor"
 
 
-def prepare(task: PlanTask) -> Answer:
+def prepare(task: PlanTask) -> OnlineCommand:
     """Compute the exact command for the expected wrench and its derivative with respect to the wrench.
 
     The spin stays constant.
@@ -21,4 +21,4 @@ def prepare(task: PlanTask) -> Answer:
     q = iterated_mirror.command_path(task).q
     inverse = np.asarray(np.linalg.pinv(attain_pose(task.chain, q, task.wrench).jacobian), float)
     gain = -(inverse @ loaded_compliance(task.chain, q, task.wrench)) * task.compensated[:, None, None]
-    return Answer("force_sensor", q, gain=gain, expected=task.wrench)
+    return OnlineCommand("force_sensor", q, gain=gain, expected=task.wrench)

@@ -24,7 +24,7 @@ def command_path(task: PlanTask, near: Command | None = None) -> Command:
     Waypoints that cannot be reached within the limits make the status "infeasible"; they are listed as failures, and
     the command there is as near to the path as the limits allow.
     """
-    real, task = task, leave_play(task)
+    real, task = task, without_lost_motion(task)
     found = solve_path(task, None if near is None else near.links)
     facts = found.describe()
     if near is not None and near.nlp:
@@ -44,17 +44,17 @@ def correct_command(task: PlanTask, command: Command) -> Command:
     Failed waypoints keep their joint positions.
     """
     failing = np.array(sorted(command.failures), int)
-    return _finish(task, correct_pose(leave_play(task), np.array(command.links), failing), command)
+    return _finish(task, correct_pose(without_lost_motion(task), np.array(command.links), failing), command)
 
 
-def leave_play(task: PlanTask) -> PlanTask:
+def without_lost_motion(task: PlanTask) -> PlanTask:
     """Return the task without lost motion: link-side joint positions."""
     return replace(task, robot=without_play(task.robot))
 
 
 def _finish(task: PlanTask, q: Array, command: Command) -> Command:
     """Compensate lost motion, and list waypoints that violate the pose equations or a limit; q: link side."""
-    missed = size_of(miss_pose(leave_play(task), q))
+    missed = size_of(miss_pose(without_lost_motion(task), q))
     failures = name_failures(task, q, np.flatnonzero(missed > KEPT))
     # at a contact whose correction is added at rest, the play is crossed before the cut
     contacts = np.flatnonzero(task.lead[:-1] & ~task.lead[1:] & ~task.leaving[:-1]) + 1

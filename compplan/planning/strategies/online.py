@@ -1,6 +1,6 @@
 """Strategies of a study: offline strategies of a plan, and online strategies that read sensors during the cut.
 
-A new online strategy is one new file with `prepare(task) -> Answer` and one line in `compplan.job.names`.
+A new online strategy is one new file with `prepare(task) -> OnlineCommand` and one line in `compplan.job.names`.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from compplan.statics.encoders import feedback_scale
 class OnlineStrategy(Protocol):
     """Interface of an online strategy's file; `words` is the displayed name."""
 
-    def prepare(self, task: PlanTask) -> Answer:
+    def prepare(self, task: PlanTask) -> OnlineCommand:
         """Compute command and sensor gains for a task, from the robot model of the task."""
 
 
@@ -38,7 +38,7 @@ def list_strategies(robot: Robot | None = None) -> tuple[str, ...]:
 
 
 def hold_robot(robot: Robot, spring_gain: Array) -> Robot:
-    """Return the robot with the spring compliances that remain under feedback (`Answer.spring_gain`)."""
+    """Return the robot with the spring compliances that remain under feedback (`OnlineCommand.spring_gain`)."""
     gains = dict(zip(robot.joint_names, spring_gain, strict=True))
     gain = np.array([gains.get(spring.joint, 1.0) if spring.actuator else 1.0 for spring in robot.springs])
     scale = feedback_scale(gain, np.array([spring.link_share for spring in robot.springs]))
@@ -46,7 +46,7 @@ def hold_robot(robot: Robot, spring_gain: Array) -> Robot:
     return replace(robot, springs=tuple(held))
 
 
-def prepare_answers(task: PlanTask, strategies: Sequence[str] | None = None) -> dict[str, Answer]:
+def prepare_commands(task: PlanTask, strategies: Sequence[str] | None = None) -> dict[str, OnlineCommand]:
     """Compute command and sensor gains of strategies (default: all) for a task.
 
     Raises:
@@ -58,14 +58,14 @@ def prepare_answers(task: PlanTask, strategies: Sequence[str] | None = None) -> 
         if name in ONLINE:
             answers[name] = ONLINE[name].prepare(task)
         elif name in STRATEGIES:
-            answers[name] = Answer(name, command_path(task, name).q)
+            answers[name] = OnlineCommand(name, command_path(task, name).q)
         else:
             raise UnknownNameError("strategy", name, list(list_strategies()))
     return answers
 
 
 @dataclass(frozen=True)
-class Answer:
+class OnlineCommand:
     """Command of a strategy and its sensor feedback; n waypoints, nq joints."""
 
     name: str  #: Name of the strategy.
@@ -89,7 +89,7 @@ class Answer:
         return -np.broadcast_to(np.asarray(self.beta, float), (nq,))
 
 
-def answer_reading(gain: Array, reading: Array) -> Array:
+def correct_online(gain: Array, reading: Array) -> Array:
     """Compute the command change (nq, b, n) [rad or m] for b samples: gain (nq, k, n) times reading (k, b, n)."""
     answer = np.zeros((len(gain), *reading.shape[1:]))
     for row, rates in zip(answer, gain, strict=True):

@@ -5,12 +5,12 @@ Deflection that the encoders do not measure remains: links, bearings, springs of
 
 from __future__ import annotations
 
-from compplan.planning.strategies.online import Answer
+from compplan.planning.strategies.online import OnlineCommand
 from compplan.planning.task import PlanTask
 
 words = "encoders behind the gears"
 
 
-def prepare(task: PlanTask) -> Answer:
+def prepare(task: PlanTask) -> OnlineCommand:
     """Command the nominal path, controlled by the link-side encoders."""
-    return Answer("secondary_encoder", task.q_start, "link")
+    return OnlineCommand("secondary_encoder", task.q_start, "link")
