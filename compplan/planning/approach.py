@@ -95,17 +95,17 @@ def _leg(
     time = u * max(duration, task.gentle_time)
     q, wrench = start * (1 - share) + end * share, before * (1 - share) + after * share
     # a joint move is not straight: the rows hold the actual tip positions
-    position = task.see_position(attain_pose(task.chain, q, wrench, slope=False).position)
+    position = task.to_part_frame(attain_pose(task.chain, q, wrench, slope=False).position)
     return q[:-1], position[:-1], wrench[:-1], np.diff(time)
 
 
 def _unload(task: PlanTask, q: Array, end: int) -> Array:
     """Return the joint positions nearest to q with the tool at a waypoint without wrench, under weights only."""
     found = q[None].copy()
-    wanted = task.see_pose(attain_pose(task.chain, q[None], task.wrench[end : end + 1], slope=False))
+    wanted = task.to_part_frame_pose(attain_pose(task.chain, q[None], task.wrench[end : end + 1], slope=False))
     none = np.zeros((1, 6))
     for _ in range(8):
-        here = task.see_pose(attain_pose(task.chain, found, none))
+        here = task.to_part_frame_pose(attain_pose(task.chain, found, none))
         lean = np.cross(wanted.rotation[0, :, 2], here.rotation[0, :, 2])
         missed = np.r_[here.position[0] - task.position[end], lean]
         if np.abs(missed).max() < 1e-11:

@@ -167,7 +167,7 @@ def _keeps_feed(task: PlanTask, request: PathRequest) -> bool:
 
 def _take(start: Start, first: TimedStart, run: TimedStart, least: float) -> Start:
     """Return the start of the chosen run, with its figures and a note on its gain over the first."""
-    posture_choice, chosen, pace = start.posture_choice, run.start.posture_choice, run.start.pace
+    posture_choice, chosen, slowdown = start.posture_choice, run.start.posture_choice, run.start.slowdown
     assert posture_choice is not None and chosen is not None
     shaped = run.shaped or OptimisationFigures(0, ())
     program = {
@@ -181,13 +181,13 @@ def _take(start: Start, first: TimedStart, run: TimedStart, least: float) -> Sta
     if compared:
         compared["program"] = costs[cost]
     chosen = replace(chosen, settings=posture_choice.settings, costs=costs, compared=compared, compared_by=cost)
-    upright = run.start.upright
-    nominal = run.start.nominal if upright is None else replace(run.start.nominal, axis=upright)
+    programmed_axis = run.start.programmed_axis
+    nominal = run.start.nominal if programmed_axis is None else replace(run.start.nominal, axis=programmed_axis)
     built = build_start(chosen, nominal, start.settings)
-    most = 1.0 if pace is None else float(pace.slower.max(initial=1.0))
+    most = 1.0 if slowdown is None else float(slowdown.slower.max(initial=1.0))
     eased = "" if most == 1.0 else f"; the run is up to {most:.3g} times slower where the arm would ring most"
     how = f"of one program ({', '.join(shaped.names)} free)" if shaped.iterations else "chosen together"
     note = (f"Posture and speed are {how}: run {first.time:.4g} -> {run.time:.4g} s (the programmed feed takes "
             f"{least:.4g} s), widest 95 % band {1e3 * first.band:.3g} -> {1e3 * run.band:.3g} mm, before correction"
             f"{eased}.")  # fmt: skip
-    return replace(built, program=program, aside=run.start.aside, pace=pace, notes=(*built.notes, note))
+    return replace(built, program=program, offset=run.start.offset, slowdown=slowdown, notes=(*built.notes, note))

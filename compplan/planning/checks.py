@@ -221,11 +221,11 @@ def _check_spin(task: PlanTask, q: Array, after: Evaluation, stiff: Array, job: 
         return Check(name, 0.0, LEAN, "")
     bent = _angle(after.rotation[:, :, 2], stiff[:, :, 2])
     towards = job.T_base_part[:3, :3] @ np.asarray(job.plan.tool_x, float)
-    upright, axis = task.upright, task.nominal.axis
-    flat = towards - (upright @ towards)[:, None] * upright
+    programmed, axis = task.programmed_axis, task.nominal.axis
+    flat = towards - (programmed @ towards)[:, None] * programmed
     size = np.linalg.norm(flat, axis=1)
-    middle = upright + axis  # a tilt moves x: half a turn about the programmed axis, half a turn about the middle
-    for about in (upright, middle / np.linalg.norm(middle, axis=1, keepdims=True)):
+    middle = programmed + axis  # a tilt moves x: half a turn about the programmed axis, half a turn about the middle
+    for about in (programmed, middle / np.linalg.norm(middle, axis=1, keepdims=True)):
         flat = 2.0 * np.einsum("ni,ni->n", flat, about)[:, None] * about - flat
     sure = after.cut & (size > 0.05 * np.linalg.norm(towards))
     turned = np.where(sure, _angle(after.rotation[:, :, 0], flat / np.maximum(size, 1e-12)[:, None]) - 1.5 * bent, -1.0)

@@ -113,13 +113,13 @@ def state_problem(task: PlanTask, stations: NDArray[np.int_], q: Array, released
     robot, k = task.robot, len(stations)
     attained = attain_rows(task, q, stations, slope=False)
     lower, upper = np.tile(robot.lower, (k, 1)), np.tile(robot.upper, (k, 1))
-    held = task.stays & ~task.missed[stations, None]  # a rail moves where the arm alone does not reach
+    held = task.fixed_joints & ~task.missed[stations, None]  # a rail moves where the arm alone does not reach
     lower, upper = (np.where(held, task.q_start[stations], side) for side in (lower, upper))
     limits: list[Limit] = [PoseEquation(), JointRange()]
     if np.isfinite(task.max_correction):
         limits.append(CorrectionLimit(task.max_correction))
-    free = released[stations]
-    costs: list[Cost] = [Departure(1e-3 * task.worth), MissedPose()] if free.any() else [Departure(task.worth)]
+    free, weights = released[stations], task.joint_weights
+    costs: list[Cost] = [Departure(1e-3 * weights), MissedPose()] if free.any() else [Departure(weights)]
     shift, turn = None, None
     if robot.effects:
         bias = None if task.bias is None else task.bias[stations]
@@ -196,7 +196,7 @@ def correct_pose(task: PlanTask, q: Array, held: NDArray[np.int_]) -> Array:
 
     q: joint positions (n, nq) [rad or m]; held: waypoints with fixed joint positions.
     """
-    robot, busy, ease = task.robot, np.setdiff1d(np.arange(len(q)), held), 1.0 / task.worth
+    robot, busy, ease = task.robot, np.setdiff1d(np.arange(len(q)), held), 1.0 / task.joint_weights
     missed = miss_pose(task, q, busy)
     for _ in range(STEPS):
         busy = busy[size_of(missed) > EXACT]
@@ -204,7 +204,7 @@ def correct_pose(task: PlanTask, q: Array, held: NDArray[np.int_]) -> Array:
             break
         attained = attain_rows(task, q, busy)
         missed = pose_equations(task, attained, busy)
-        free = (q[busy] > robot.lower + 1e-7) & (q[busy] < robot.upper - 1e-7) & ~task.stays
+        free = (q[busy] > robot.lower + 1e-7) & (q[busy] < robot.upper - 1e-7) & ~task.fixed_joints
         columns = differentiate_equations(task, attained, busy) * free[:, None, :]
         eased = np.swapaxes(columns, 1, 2) * ease[:, None]
         normal = columns @ eased + 1e-14 * np.eye(columns.shape[1])

@@ -38,7 +38,7 @@ def evaluate_model(task: PlanTask, q: Array) -> Evaluation:
         found = attain_rows(task, q, np.arange(len(q)), slope=False)
     else:
         found = attain_pose(task.chain, q, task.wrench, slope=False, torque_bias=task.bias, theta=task.theta)
-        found = task.see_pose(found)
+        found = task.to_part_frame_pose(found)
     return _compare(task, SimulatedRun(found.position, found.rotation))
 
 

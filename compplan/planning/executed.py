@@ -135,7 +135,7 @@ def _measure(task: PlanTask, q: Array, reached: Array, place: Array) -> tuple[Ar
     if task.robot.effects:  # tip displacement by effects: interpolated between waypoints
         effect = attain_rows(task, q, every, slope=False).position
         plain = attain_pose(task.chain, q, task.wrench, slope=False, torque_bias=task.bias).position
-        effect = effect - task.see_position(plain)
+        effect = effect - task.to_part_frame(plain)
         effect[~task.compensated] = 0.0
     row = np.clip(np.ceil(place).astype(int), 1, len(q) - 1)
     cut = task.cut[row] & task.cut[row - 1]
@@ -147,7 +147,7 @@ def _measure(task: PlanTask, q: Array, reached: Array, place: Array) -> tuple[Ar
         load, moved = (interpolate(at, every, values) for values in (task.wrench, effect))
         bias = None if task.bias is None else interpolate(at, every, task.bias)
         tip = attain_pose(task.chain, reached[rows], load, slope=False, torque_bias=bias).position
-        tip = task.see_position(tip) + moved
+        tip = task.to_part_frame(tip) + moved
         beside_it = np.clip(np.ceil(at).astype(int), 1, len(q) - 1)
         nearest = find_nearest(task.position, beside_it, tip, NEAR)[0]
         distance[rows] = np.linalg.norm(tip - nearest, axis=1)

@@ -54,10 +54,10 @@ class TimedStart(NamedTuple):
     start: Start  #: Start with its slowdown.
     time: float  #: Total time. [s]
     band: float  #: Widest 95 % band along the cut. [m]
-    still: float  #: The same without vibration. [m]
-    bend: float  #: Greatest quasi-static displacement of the tip by inertia along the cut. [m]
+    static_band: float  #: The same without vibration. [m]
+    deflection: float  #: Greatest quasi-static displacement of the tip by inertia along the cut. [m]
     spare: float  #: Time saved by the shortest smoothing windows. [s]
-    quiet: Array  #: Covariance of the tip at rows of the cut, without vibration. Shape (k, 3, 3). [m^2]
+    static_covariance: Array  #: Covariance of the tip at rows of the cut, without vibration. Shape (k, 3, 3). [m^2]
     task: PlanTask  #: Task with the default windows.
     passing: Array  #: Time at each waypoint of the task. Shape (n,). [s]
     origin: str = "search"  #: Origin of the posture: "search" or "programmed".
@@ -65,7 +65,7 @@ class TimedStart(NamedTuple):
 
 
 def measure_runs(
-    start: Start, request: PathRequest, *, window: float = 1.0, beside: TimedStart | None = None,
+    start: Start, request: PathRequest, *, window: float = 1.0, reference: TimedStart | None = None,
     known: TimedStart | None = None,
 ) -> list[TimedStart]:  # fmt: skip
     """Compute time and band of the fastest run of a start and, given a reference run, of slowed ones.
@@ -74,7 +74,7 @@ def measure_runs(
         start: The start, without slowdown.
         request: Requirements on the path.
         window: Smoothing windows as a share of the default ones.
-        beside: Reference run: slowed runs take no longer; or None.
+        reference: Reference run: slowed runs take no longer; or None.
         known: Known run of the same posture, or None.
     """
     found = list[TimedStart]()
@@ -82,24 +82,24 @@ def measure_runs(
         whole = resolve_starts(request.state(start), request.feed_request) if known is None else known.task
         task, spare = replace(whole, smoothing=window * whole.smoothing), (1.0 - SHORT) * smoothing_time(whole)
         slower, target, rows = np.ones(len(task)), np.inf, pick_rows(task.cut, BAND_ROWS)
-        in_time, low, high = (slower, slower, slower), 0.0, np.inf if beside is None else beside.band
-        dynamics, aside = build_dynamics(task.robot), task.position[rows] - task.programmed[rows]
-        still = spread_tip(task, request.force) if known is None else known.quiet
-        calm = band_radius(still, mean=aside)
-        for count in range(1 if beside is None else max(min(ROUNDS, WORK // len(task)), 1)):
+        in_time, low, high = (slower, slower, slower), 0.0, np.inf if reference is None else reference.band
+        dynamics, offset = build_dynamics(task.robot), task.position[rows] - task.programmed[rows]
+        covariance = spread_tip(task, request.force) if known is None else known.static_covariance
+        static_band = band_radius(covariance, mean=offset)
+        for count in range(1 if reference is None else max(min(ROUNDS, WORK // len(task)), 1)):
             eased = start if count == 0 and window == 1.0 else replace(
-                start, pace=Slowdown(window, task.origin, slower))  # fmt: skip
+                start, slowdown=Slowdown(window, task.origin, slower))  # fmt: skip
             run = replace(task, start=eased)
             time = time_run(run, run.q_start, request.feed_request)[1].time
-            vibration, bend = _spread_vibration(run, time, rows, dynamics)
-            band = band_radius(still + vibration, mean=aside)
-            widest, least = (float(each.max(initial=0.0)) for each in (band, calm))
-            found.append(TimedStart(eased, float(time[-1]), widest, least, bend, spare, still, whole, time))
-            if beside is None or not vibration.any():
+            vibration, deflection = _spread_vibration(run, time, rows, dynamics)
+            band = band_radius(covariance + vibration, mean=offset)
+            widest, least = (float(each.max(initial=0.0)) for each in (band, static_band))
+            found.append(TimedStart(eased, float(time[-1]), widest, least, deflection, spare, covariance, whole, time))
+            if reference is None or not vibration.any():
                 break
             if count % 2 == 0:  # after two rounds the run is near its target; its time decides the bisection
-                late = time[-1] > beside.time
-                if count == 0 and time[-1] > (1.0 - SPARE) * beside.time:
+                late = time[-1] > reference.time
+                if count == 0 and time[-1] > (1.0 - SPARE) * reference.time:
                     break
                 low, high = (target, high) if late else (low, min(target, widest))
                 in_time = in_time if late else (slower, band, time)
@@ -107,8 +107,8 @@ def measure_runs(
                 if high < NEAR * low:
                     break
                 target = 0.5 * (low + high) if low > 0.0 else LOWER * high
-            allowed = np.sqrt(np.maximum(target**2 - calm**2, (LEAST_SHARE * target) ** 2))
-            use = np.sqrt(np.maximum(band**2 - calm**2, 0.0)) / allowed
+            allowed = np.sqrt(np.maximum(target**2 - static_band**2, (LEAST_SHARE * target) ** 2))
+            use = np.sqrt(np.maximum(band**2 - static_band**2, 0.0)) / allowed
             wide = _widen(np.interp(np.arange(len(task)), rows, use), time, task.smoothing)
             slower = np.maximum(slower * np.clip(wide**GAIN, EASIER, SLOWER), 1.0)
     except ConvergenceError:
@@ -156,12 +156,12 @@ def _widen(use: Array, time: Array, reach: float) -> Array:
 
 def ease_run(preset: str, run: TimedStart, base: TimedStart, request: PathRequest) -> TimedStart:
     """Return the best of a run and slowed runs of its posture, compared with a base run."""
-    beside, runs, windows = (None if preset == "fast" else base), [run], [SHORT]
+    reference, runs, windows = (None if preset == "fast" else base), [run], [SHORT]
     late = max(run.time - base.time, 0.0) / run.spare
-    if beside is not None and late < 1.0:
+    if reference is not None and late < 1.0:
         windows = [1.0 - (1.0 - SHORT) * late, SHORT]
     for window in windows:
-        eased = measure_runs(run.start, request, window=window, beside=beside, known=run)
+        eased = measure_runs(run.start, request, window=window, reference=reference, known=run)
         runs += [each._replace(origin=run.origin, shaped=run.shaped) for each in eased]
     return choose_run(preset, runs, base)
 
@@ -178,20 +178,20 @@ def band_at_time(run: TimedStart, base: TimedStart) -> float:
 
     The band due to vibration falls with the square of the time.
     """
-    vibration = (run.band**2 - run.still**2) * (run.time / base.time) ** 4
-    return float(np.sqrt(run.still**2 + max(vibration, 0.0))) if run.time - run.spare <= base.time else np.inf
+    vibration = (run.band**2 - run.static_band**2) * (run.time / base.time) ** 4
+    return float(np.sqrt(run.static_band**2 + max(vibration, 0.0))) if run.time - run.spare <= base.time else np.inf
 
 
 def compute_gain(preset: str, run: TimedStart, base: TimedStart) -> float:
     """Compute the figure that a preset ("" for none) reduces, relative to the base; infinite if time or band grows."""
-    time, band, still = run.time / base.time, run.band / base.band, run.still / base.still
+    time, band, static = run.time / base.time, run.band / base.band, run.static_band / base.static_band
     if preset == "fast":
         return time
     if time > 1.0 or band > 1.0 + SAME:
         return np.inf
     if preset == "error_band":
         return band
-    return 0.5 * (band + still) if preset else 0.5 * (time + band)
+    return 0.5 * (band + static) if preset else 0.5 * (time + band)
 
 
 def least_time(task: PlanTask) -> float:
@@ -207,10 +207,10 @@ def reference_run(base: TimedStart, origin: TimedStart, task: PlanTask) -> Refer
 
     origin: run of the task from which the program starts.
     """
-    motion = np.sqrt(max(base.band**2 - base.still**2, 0.0))
-    bend = base.bend * base.band / motion if motion > 0.0 else 0.0
+    motion = np.sqrt(max(base.band**2 - base.static_band**2, 0.0))
+    deflection = base.deflection * base.band / motion if motion > 0.0 else 0.0
     passing = np.interp(task.origin, origin.task.origin, origin.passing)
-    return ReferenceRun(base.time - smoothing_time(base.task), bend, passing)
+    return ReferenceRun(base.time - smoothing_time(base.task), deflection, passing)
 
 
 def smoothing_time(task: PlanTask) -> float:

@@ -115,9 +115,9 @@ def _build(problem: PlanningProblem) -> PathProgram:
     """Build the program: variables, objective, constraints."""
     k = len(problem)
     # variables x, and those of each station, v_i = L_i x
-    seen, sizes = _selection_matrix(problem)
-    x, data = ca.MX.sym("x", seen.shape[1]), ca.MX.sym("data", _pack(problem).shape[1], k)
-    local = ca.reshape(ca.mtimes(ca.DM(seen), x), seen.shape[0] // k, k)
+    selected, sizes = _selection_matrix(problem)
+    x, data = ca.MX.sym("x", selected.shape[1]), ca.MX.sym("data", _pack(problem).shape[1], k)
+    local = ca.reshape(ca.mtimes(ca.DM(selected), x), selected.shape[0] // k, k)
     station, inputs = _state_station(problem)
     # objective
     term = sum((each.term(station) for each in problem.costs), ca.SX(0))
@@ -130,12 +130,12 @@ def _build(problem: PlanningProblem) -> PathProgram:
     p, scale, pull = ca.vec(data), ca.MX.sym("scale"), ca.MX.sym("multipliers", g.numel())
     weight, pulls = ca.SX.sym("weight"), ca.SX.sym("pulls", rows.numel())
     slope = ca.Function("slope", inputs, [ca.jacobian(rows, inputs[0])]).map(k)(local, data)
-    bend = ca.hessian(weight * term + ca.dot(pulls, rows), inputs[0])[0]
-    bends = ca.Function("bend", [*inputs, weight, pulls], [bend]).map(k)(
+    curvature = ca.hessian(weight * term + ca.dot(pulls, rows), inputs[0])[0]
+    curvatures = ca.Function("curvature", [*inputs, weight, pulls], [curvature]).map(k)(
         local, data, ca.repmat(scale, 1, k), ca.reshape(pull, rows.numel(), k))  # fmt: skip
-    sight = ca.MX(ca.DM(seen))
-    jacobian = ca.mtimes(ca.diagcat(*ca.horzsplit(slope, inputs[0].numel())), sight)
-    hessian = ca.triu(ca.mtimes(sight.T, ca.mtimes(ca.diagcat(*ca.horzsplit(bends, inputs[0].numel())), sight)))
+    select = ca.MX(ca.DM(selected))
+    jacobian = ca.mtimes(ca.diagcat(*ca.horzsplit(slope, inputs[0].numel())), select)
+    hessian = ca.triu(ca.mtimes(select.T, ca.mtimes(ca.diagcat(*ca.horzsplit(curvatures, inputs[0].numel())), select)))
     options: dict[str, Any] = {
         "ipopt": OPTIONS | (TIMED if problem.timed else {}),
         "jac_g": ca.Function("jacobian", [x, p], [g, jacobian], ["x", "p"], ["g", "jac_g_x"]),
@@ -167,8 +167,8 @@ def _selection_matrix(problem: PlanningProblem) -> tuple[sparse.csc_matrix, tupl
         half = sparse.diags(np.divide(0.5, problem.steps, where=problem.steps > 0.0, out=np.zeros(k)))
         first, second = (sparse.csr_matrix(matrix) for matrix in problem.rates)
         parts += [(expand(first, 0, nq), nq), (expand(second, 0, nq), nq)]
-        push, before = half @ (ahead - own), sparse.diags(np.ones(k - 1), -1)
-        parts += [(expand(matrix, 1, 1), 1) for matrix in (own, ahead, push, before @ push)]
+        half_rate, before = half @ (ahead - own), sparse.diags(np.ones(k - 1), -1)
+        parts += [(expand(matrix, 1, 1), 1) for matrix in (own, ahead, half_rate, before @ half_rate)]
     none = sparse.csr_matrix((k * rows, offsets[-1]))
     parts.append((expand(own, 2, rows) if problem.released is not None else none, rows))
     heights = [height for _, height in parts]
@@ -275,12 +275,8 @@ def _state_station(problem: PlanningProblem) -> tuple[Station, list[ca.SX]]:
     """Build the expressions of one station; return it and the inputs of its functions: variables and data."""
     chain, nq, rows = problem.chain, problem.chain.nq, problem.pose_rows
     q, ahead = ca.SX.sym("q", nq), ca.SX.sym("q_next", nq)
-    names = (
-        [("rate", nq), ("change", nq), ("square", 1), ("square_next", 1), ("push", 1), ("push_before", 1)]
-        if problem.timed
-        else []
-    )
-    speed = {name: ca.SX.sym(name, size) for name, size in names}
+    names = [("rate", nq), ("change", nq), ("square", 1), ("square_next", 1), ("half_rate", 1), ("half_rate_before", 1)]
+    speed = {name: ca.SX.sym(name, size) for name, size in names if problem.timed}
     slack, excess = ca.SX.sym("slack", rows), ca.SX.sym("excess")
     data = {name: ca.SX.sym(name, values.shape[1]) for name, values in _list_numbers(problem).items()}
     loaded = build_loaded_function(chain, TIMED_STEPS if problem.timed else STEPS)
@@ -296,11 +292,11 @@ def _state_station(problem: PlanningProblem) -> tuple[Station, list[ca.SX]]:
         missed.append(ca.dot(wanted[:, 1], rotation[:, 0]))
     none = ca.SX(0, 1)
     station = Station(
-        q=q, q_next=ahead, departure=q - data["q_start"], step=data["step"], pace=data["pace"], slack=slack,
-        **{name: speed.get(name, none) for name in ("rate", "change", "square", "square_next", "push", "push_before")},
+        q=q, q_next=ahead, departure=q - data["q_start"], step=data["step"], inverse_step=data["inverse_step"],
+        slack=slack, **{name: speed.get(name, none) for name, _ in names},
         excess=excess, missed=ca.vertcat(*missed), position=position, rotation=rotation, wrench=data["wrench"],
         programmed=data["programmed"], deflection=deflection, frames=locate_symbolic(chain, q),
-        numbers={name: data[name] for name in problem.own_numbers},
+        numbers={name: data[name] for name in problem.term_data},
     )  # fmt: skip
     return station, [ca.vertcat(q, ahead, *speed.values(), slack, excess), ca.vertcat(*data.values())]
 
@@ -308,14 +304,14 @@ def _state_station(problem: PlanningProblem) -> tuple[Station, list[ca.SX]]:
 def _list_numbers(problem: PlanningProblem) -> dict[str, Array]:
     """List the data of every station by name. Shapes (k, c)."""
     k, steps = len(problem), problem.steps
-    pace = np.divide(1.0, steps, where=steps > 0.0, out=np.zeros(k))
+    inverse = np.divide(1.0, steps, where=steps > 0.0, out=np.zeros(k))
     turn = {} if problem.turn is None else {"turn": _flat(problem.turn)}
     return {
         "position": problem.position, "rotation": _flat(problem.rotation), "wrench": problem.wrench,
         "programmed": problem.position if problem.programmed is None else problem.programmed,
         "bias": problem.bias, "theta": problem.theta, "loaded": problem.loaded[:, None], "q_start": problem.q_start,
-        "step": steps[:, None], "pace": pace[:, None],
-        "shift": np.zeros((k, 3)) if problem.shift is None else problem.shift, **turn, **problem.own_numbers,
+        "step": steps[:, None], "inverse_step": inverse[:, None],
+        "shift": np.zeros((k, 3)) if problem.shift is None else problem.shift, **turn, **problem.term_data,
     }  # fmt: skip
 
 

@@ -202,7 +202,7 @@ def _state_task(robot: Robot, chain: Chain, options: PlanOptions, start: Start) 
         acceleration_limits=robot.acceleration_limits * options.acceleration_scale,
         max_correction=options.max_correction, tolerance=options.tolerance, spin_free=options.spin_free, start=start,
         law=options.law, inertia=options.inertia,
-        smoothing=choose_smoothing(robot, few, SMOOTHING) * (1.0 if start.pace is None else start.pace.window),
+        smoothing=choose_smoothing(robot, few, SMOOTHING) * (1.0 if start.slowdown is None else start.slowdown.window),
         chord=0.1 * options.tolerance if options.chord is None else options.chord,
         touched=None if options.touch is None else touch_part(robot, nominal, start.rotation, start.q, options.touch),
     )  # fmt: skip

@@ -73,7 +73,7 @@ class PlanningProblem:
         return any(each.timed for each in (*self.limits, *self.costs))
 
     @property
-    def own_numbers(self) -> dict[str, Array]:
+    def term_data(self) -> dict[str, Array]:
         """Data of limits and costs at every station, by name. Shapes (k, c)."""
         every = {each.name: each.numbers for each in (*self.limits, *self.costs)}
         return {name: numbers for name, numbers in every.items() if numbers is not None}
@@ -113,10 +113,10 @@ class Station:
     change: ca.SX  #: Second derivative. Shape (nq). [rad/s^2 or m/s^2]
     square: ca.SX  #: Square of the speed as a share of the programmed feed.
     square_next: ca.SX  #: The same at the next station.
-    push: ca.SX  #: Half the derivative of the square with respect to the programmed time. [1/s]
-    push_before: ca.SX  #: The same from the station before, 0 at the start of a run. [1/s]
+    half_rate: ca.SX  #: Half the derivative of the square with respect to the programmed time. [1/s]
+    half_rate_before: ca.SX  #: The same from the station before, 0 at the start of a run. [1/s]
     step: ca.SX  #: Programmed time to the next station, 0 at the end of a run. [s]
-    pace: ca.SX  #: Inverse of `step`, 0 at the end of a run. [1/s]
+    inverse_step: ca.SX  #: Inverse of `step`, 0 at the end of a run. [1/s]
     slack: ca.SX  #: Pose error of a released station. Shape (rows).
     excess: ca.SX  #: Correction beyond its limit at a released station. [m]
     missed: ca.SX  #: Pose error in the required frame: tip (3) [m], tool axis (2), spin (1) [rad]. Shape (rows).

@@ -18,7 +18,7 @@ from scipy.interpolate import CubicSpline
 
 from compplan.errors import ConvergenceError
 from compplan.planning.costs import Band, JointTravel, Smoothness, Time
-from compplan.planning.costs.band import measure_bend
+from compplan.planning.costs.band import measure_deflection
 from compplan.planning.dense import place_pose
 from compplan.planning.feed import FeedRequest, time_run
 from compplan.planning.fixed_point import resolve_starts
@@ -67,7 +67,7 @@ class ReferenceRun(NamedTuple):
     """Reference quantities of the program, from a reference run."""
 
     time: float  #: Time along the runs, without smoothing. [s]
-    bend: float  #: Greatest quasi-static displacement of the tip by inertia. [m]
+    deflection: float  #: Greatest quasi-static displacement of the tip by inertia. [m]
     #: Time at each waypoint of a run of the start: initial guess of the speed. Shape (n,). [s]
     passing: Array
 
@@ -76,11 +76,11 @@ class OptimisationFigures(NamedTuple):
     """Figures of the optimisation of a start."""
 
     iterations: int  #: Iterations of the solver.
-    names: tuple[str, ...]  #: FreeCoordinates coordinates.
+    names: tuple[str, ...]  #: Free coordinates.
 
 
 class FreeCoordinates(NamedTuple):
-    """FreeCoordinates coordinates at the stations of a task."""
+    """Free coordinates at the stations of a task."""
 
     rows: NDArray[np.int_]  #: Waypoints that are stations. Shape (k,).
     names: tuple[str, ...]  #: "spin", "lead", "lean", names of extra axes, and "ahead", "left", "up" of a tube.
@@ -124,15 +124,15 @@ def find_free(task: PlanTask, posture_choice: PostureSummary, request: PathReque
 
 
 def state_problem(
-    task: PlanTask, free: FreeCoordinates, prices: CostWeights, beside: ReferenceRun, *, torque: bool = False
+    task: PlanTask, free: FreeCoordinates, weights: CostWeights, reference: ReferenceRun, *, torque: bool = False
 ) -> PlanningProblem:
     """Build the problem of posture and speed.
 
     Args:
         task: The task at the start of the posture search.
-        free: FreeCoordinates coordinates.
-        prices: Weights of the costs.
-        beside: Reference time and deflection.
+        free: Free coordinates.
+        weights: Weights of the costs.
+        reference: Reference time and deflection.
         torque: Whether joint torques must stay within the efforts of the robot.
     """
     rows, robot = free.rows, task.robot
@@ -153,15 +153,15 @@ def state_problem(
                            AccelerationLimit(most)]  # fmt: skip
     unit = np.where(robot.prismatic, UNIT_SLIDE, UNIT_TURN)
     costs: list[Cost] = [
-        Time(1.0, beside.time),
-        JointTravel(prices.motion, unit),
-        Smoothness(prices.smooth / max(float(along[-1] - along[0]), 1e-9), most),
+        Time(1.0, reference.time),
+        JointTravel(weights.motion, unit),
+        Smoothness(weights.smooth / max(float(along[-1] - along[0]), 1e-9), most),
     ]
     if torque and (efforts := read_torques(task)) is not None:
         limits.append(efforts)
-    if prices.band and beside.bend > 0.0:
-        bend = measure_bend(task, task.q_start[rows]) / beside.bend
-        costs.append(Band(prices.band / max(float(along[-1] - along[0]), 1e-9), bend))
+    if weights.band and reference.deflection > 0.0:
+        deflection = measure_deflection(task, task.q_start[rows]) / reference.deflection
+        costs.append(Band(weights.band / max(float(along[-1] - along[0]), 1e-9), deflection))
     position, frame = place_pose(task, rows, task.position[rows], free.frame)
     return PlanningProblem(
         chain=task.chain, joints=robot.joint_names, waypoint=rows, position=position, rotation=frame,
@@ -169,12 +169,12 @@ def state_problem(
         loaded=np.ones(k, bool), q_start=task.q_start[rows], guess=task.q_start[rows],
         lower=np.tile(robot.lower + room, (k, 1)), upper=np.tile(robot.upper - room, (k, 1)), spin_free=True,
         axis_free=False, limits=tuple(limits), costs=tuple(costs), along=along, runs=runs,
-        square=BEGIN * np.minimum(np.gradient(along, beside.passing[rows]), 1.0) ** 2,
+        square=BEGIN * np.minimum(np.gradient(along, reference.passing[rows]), 1.0) ** 2,
     )  # fmt: skip
 
 
 def shape_start(
-    task: PlanTask, start: Start, request: PathRequest, prices: CostWeights, beside: ReferenceRun
+    task: PlanTask, start: Start, request: PathRequest, weights: CostWeights, reference: ReferenceRun
 ) -> tuple[Start, OptimisationFigures] | None:
     """Solve the program of posture and speed from the start of a task; None if nothing is free or feasible."""
     posture_choice, settings = start.posture_choice, start.settings
@@ -182,7 +182,7 @@ def shape_start(
         return None
     if (free := find_free(task, posture_choice, request)) is None:
         return None
-    problem = state_problem(task, free, prices, beside, torque=request.feed_request.torque)
+    problem = state_problem(task, free, weights, reference, torque=request.feed_request.torque)
     scene, clear = settings.scene, problem.q_start
     found, iterations = None, 0
     for _ in range(1 if scene is None else CLEARANCE_SOLVES):
@@ -193,7 +193,7 @@ def shape_start(
         solution = solve_problem(problem)
         iterations += solution.iterations
         LOG.debug("posture and speed: %s, %d iterations, %.2f s CPU, time %.4f s beside %.4f", solution.status,
-                  solution.iterations, solution.cpu, solution.time, beside.time)  # fmt: skip
+                  solution.iterations, solution.cpu, solution.time, reference.time)  # fmt: skip
         if solution.violation > CLOSE:
             return None
         found = _follow(task, posture_choice, request, free, solution, settings)
@@ -215,34 +215,34 @@ def _follow(
     place, every, nq = task.origin[free.rows], np.arange(len(nominal)), task.robot.nq
     moved, room, path = solution.q - task.q_start[free.rows], free.room[:, :3], nominal
     if room.any():  # with a tube: offset of the loaded tip
-        tip = task.see_pose(attain_pose(task.chain, solution.q, task.wrench[free.rows], slope=False)).position
+        tip = task.to_part_frame_pose(attain_pose(task.chain, solution.q, task.wrench[free.rows], slope=False)).position
         local = (np.swapaxes(free.frame, 1, 2) @ (tip - task.position[free.rows])[..., None])[..., 0]
         moved = np.hstack([moved, np.clip(local, -room, room)])
     spread = CubicSpline(place, moved, bc_type="natural")(np.clip(every, place[0], place[-1]))
-    axes, aside = path_axes(nominal), None
+    axes, offset = path_axes(nominal), None
     if room.any():
         inside = interpolate(every, place, room)
-        aside = (axes @ np.clip(spread[:, nq:], -inside, inside)[..., None])[..., 0]
-        path = replace(nominal, position=nominal.position + aside)
+        offset = (axes @ np.clip(spread[:, nq:], -inside, inside)[..., None])[..., 0]
+        path = replace(nominal, position=nominal.position + offset)
     q = posture_choice.q + spread[:, :nq]
     turned = locate_frames(arm.chain, q).tcp_rotation
     most = np.sin([settings.lead, settings.lean])
     leans = np.clip((np.swapaxes(axes, 1, 2) @ -turned[:, :, 2, None])[:, :2, 0], -most, most)
-    upright = np.sqrt(1.0 - (leans**2).sum(axis=1, keepdims=True))
-    rotation = turn_about_axis(turned[:, :, 0], (axes @ np.hstack([leans, upright])[..., None])[..., 0])
+    normal = np.sqrt(1.0 - (leans**2).sum(axis=1, keepdims=True))
+    rotation = turn_about_axis(turned[:, :, 0], (axes @ np.hstack([leans, normal])[..., None])[..., 0])
     q, reached = reach_pose(arm, q, path.position, rotation)
-    torn = find_jumps_along(q, nominal, settings.most_step).any()
-    if not reached.all() or torn:
-        LOG.debug("posture and speed: not followed (reached %d, torn %s)", reached.sum(), torn)
+    jumps = find_jumps_along(q, nominal, settings.most_step).any()
+    if not reached.all() or jumps:
+        LOG.debug("posture and speed: not followed (reached %d, torn %s)", reached.sum(), jumps)
         return None
     x, y, before = rotation[:, :, 0], rotation[:, :, 1], posture_choice.rotation[:, :, 0]
     spin = posture_choice.spin + np.unwrap(np.arctan2((before * y).sum(axis=1), (before * x).sum(axis=1)))
-    angles = leans * np.arccos(upright) / np.maximum(np.sqrt(1.0 - upright**2), 1e-12)
+    angles = leans * np.arccos(normal) / np.maximum(np.sqrt(1.0 - normal**2), 1e-12)
     costs = summarise_costs(PostureProblem(robot, nominal, request.tool_x, settings), q)
     better = replace(
         posture_choice, q=q, rotation=rotation, costs=costs, spin=spin, lead=angles[:, 0], lean=angles[:, 1]
     )
-    return replace(build_start(better, path, settings), aside=aside)
+    return replace(build_start(better, path, settings), offset=offset)
 
 
 def _keeps_clear(scene: CollisionScene, q: Array, wanted: float) -> bool:
@@ -261,8 +261,8 @@ def _pick_rows(task: PlanTask, few: int) -> NDArray[np.int_]:
     count, total = sum(last - first + 1 for first, last in runs), sum(time[last] - time[first] for first, last in runs)
     ways = np.diff(task.position, axis=0)
     ways /= np.maximum(np.linalg.norm(ways, axis=1), 1e-12)[:, None]
-    bend = np.r_[0.0, np.arccos(np.clip((ways[1:] * ways[:-1]).sum(axis=1), -1.0, 1.0))]
-    density = np.r_[0.0, np.cumsum(task.step_time / total + bend / max(float(bend.sum()), 1e-9))]
+    angle = np.r_[0.0, np.arccos(np.clip((ways[1:] * ways[:-1]).sum(axis=1), -1.0, 1.0))]
+    density = np.r_[0.0, np.cumsum(task.step_time / total + angle / max(float(angle.sum()), 1e-9))]
     for first, last in runs:
         own = density[first : last + 1] - density[first]
         most = max(int(STATIONS * own[-1] / 2.0), 3)

@@ -167,8 +167,8 @@ class Plan(Shown):
         limits = sorted({name for text in failures.values() for name in text.split(", ")})
         word, stops, rows = "cannot be reached within the limits", "; ".join(limits[:LISTED]), sorted(failures)
         far = [k for k in rows if failures[k] != CORRECTION_LIMIT]
-        if start is not None and start.mend and far:
-            word, stops, rest, rows = "are out of reach", start.mend, len(rows) - len(far), far
+        if start is not None and start.cause and far:
+            word, stops, rest, rows = "are out of reach", start.cause, len(rows) - len(far), far
             stops += f"; {rest} others need more correction than plan.max_correction_mm" if rest else ""
         return (f"{len(rows)} of {len(self.task)} waypoints {word}, the first is waypoint {rows[0]} "
                 f"(s = {1e3 * self.task.nominal.arc_length[rows[0]]:.0f} mm): {stops}")  # fmt: skip

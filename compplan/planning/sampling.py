@@ -103,12 +103,12 @@ def _attain(
     near = task.theta[moves]
     loaded = attain_pose(task.chain, middle, load, slope=False, torque_bias=bias, theta=near).position
     if not task.robot.effects:
-        return task.see_position(loaded)
+        return task.to_part_frame(loaded)
     if bias is not None:
         loaded = loaded - attain_pose(task.chain, middle, load, slope=False).position
     path, acting = (insert_between(*parts, moves, share) for parts in ((q, middle), (task.wrench, load)))
     tip = attain_with_effects(task.robot, path, acting, divide_times(task.step_time, share))[0][2 * moves + 1]
-    return task.see_position(tip if bias is None else tip + loaded)
+    return task.to_part_frame(tip if bias is None else tip + loaded)
 
 
 def required_pieces(stray: Array, chord: float) -> NDArray[np.int_]:

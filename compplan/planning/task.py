@@ -76,7 +76,7 @@ class PlanTask:
     #: only by rounding. Shape (n, s). [rad or m]
     theta: Array = field(default_factory=lambda: np.zeros((0, 0)))
     #: Part frame measured by touching with the robot; None if absolute. Loaded poses are relative to the measured
-    #: frame (`see_position`).
+    #: frame (`to_part_frame`).
     touched: TouchedPart | None = None
 
     def __post_init__(self) -> None:
@@ -103,16 +103,16 @@ class PlanTask:
     @property
     def programmed(self) -> Array:
         """Programmed path: `position` without its offset within the tolerance tube. Shape (n, 3). [m]"""
-        aside = None if self.start is None else self.start.aside
-        if aside is None:
+        offset = None if self.start is None else self.start.offset
+        if offset is None:
             return self.position
-        every = np.arange(len(aside))
-        return self.position - interpolate(self.origin, every, aside)
+        every = np.arange(len(offset))
+        return self.position - interpolate(self.origin, every, offset)
 
     @property
-    def upright(self) -> Array:
+    def programmed_axis(self) -> Array:
         """Programmed tool axis, tip to spindle: that of `nominal` without lead and lean. Shape (n, 3)."""
-        axis = None if self.start is None else self.start.upright
+        axis = None if self.start is None else self.start.programmed_axis
         return self.nominal.axis if axis is None else interpolate(self.origin, np.arange(len(axis)), axis)
 
     @cached_property
@@ -125,28 +125,28 @@ class PlanTask:
         return refine_ik(arm, self.q_start, self.position, self.rotation)
 
     @property
-    def pace(self) -> Array:
+    def slowdown(self) -> Array:
         """Slowdown factor of the run relative to the fastest one, to vibrate less. Shape (n,)."""
-        pace = None if self.start is None else self.start.pace
-        return np.ones(len(self)) if pace is None else np.interp(self.origin, pace.places, pace.slower)
+        slow = None if self.start is None else self.start.slowdown
+        return np.ones(len(self)) if slow is None else np.interp(self.origin, slow.places, slow.slower)
 
     @property
     def gentle_time(self) -> float:
         """Least duration of a move that loads or unloads the tool at rest. [s]"""
         return PERIODS * self.smoothing
 
-    def see_position(self, position: Array) -> Array:
+    def to_part_frame(self, position: Array) -> Array:
         """Return positions of the loaded tip relative to the measured part frame. Shape (n, 3). [m]"""
         return position if self.touched is None else self.touched.see_position(position)
 
-    def see_pose(self, pose: AttainedPose) -> AttainedPose:
+    def to_part_frame_pose(self, pose: AttainedPose) -> AttainedPose:
         """Return loaded poses relative to the measured part frame; unloaded poses are those of the controller."""
         if self.touched is None or self.touched.displacement is None:
             return pose
-        seen = self.touched
+        touched = self.touched
         return pose._replace(
-            position=seen.see_position(pose.position), rotation=seen.see_rotation(pose.rotation),
-            jacobian=seen.see_jacobian(pose.jacobian),
+            position=touched.see_position(pose.position), rotation=touched.see_rotation(pose.rotation),
+            jacobian=touched.see_jacobian(pose.jacobian),
         )  # fmt: skip
 
     @property
@@ -171,12 +171,12 @@ class PlanTask:
         return np.asarray(self.lead & ~self.nominal.rapid[last])
 
     @property
-    def stays(self) -> NDArray[np.bool_]:
+    def fixed_joints(self) -> NDArray[np.bool_]:
         """Joints fixed at q_start: rails and positioners, which do not follow small motions. Shape (nq,)."""
         return (self.robot.prismatic | self.robot.carriers) & (np.arange(self.robot.nq) < self.robot.nq - 6)
 
     @cached_property
-    def worth(self) -> Array:
+    def joint_weights(self) -> Array:
         """Weight of the motion of each joint in least-motion corrections. Shape (nq,)."""
         return weigh_joints(self.chain, self.q_start, self.robot)
 
@@ -198,7 +198,7 @@ class PlanTask:
     @property
     def redundant(self) -> bool:
         """Return whether the arm has more joints than pose equations."""
-        return self.chain.nq - int(self.stays.sum()) > count_equations(self.chain, spin_free=self.spin_free)
+        return self.chain.nq - int(self.fixed_joints.sum()) > count_equations(self.chain, spin_free=self.spin_free)
 
 
 def cutting_runs(rapid: NDArray[np.bool_], rests: NDArray[np.bool_] | None = None) -> list[tuple[int, int]]:
@@ -260,11 +260,11 @@ def attain_rows(task: PlanTask, q: Array, rows: NDArray[np.int_], *, slope: bool
     if task.robot.effects:
         position, rotation = (part[rows] for part in attain_with_effects(task.robot, q, task.wrench, task.step_time))
         if bias is not None:
-            still = attain_pose(task.chain, q[rows], task.wrench[rows], slope=False)
-            position = position + loaded.position - still.position
-            rotation = loaded.rotation @ np.swapaxes(still.rotation, 1, 2) @ rotation
+            static = attain_pose(task.chain, q[rows], task.wrench[rows], slope=False)
+            position = position + loaded.position - static.position
+            rotation = loaded.rotation @ np.swapaxes(static.rotation, 1, 2) @ rotation
         loaded = loaded._replace(position=position, rotation=rotation)
-    loaded = task.see_pose(loaded)
+    loaded = task.to_part_frame_pose(loaded)
     rapid = np.flatnonzero(~task.compensated[rows])
     if not len(rapid):
         return loaded

@@ -90,7 +90,7 @@ def time_command(
     Raises:
         ConvergenceError: If no run keeps the limits.
     """
-    step, slow = np.zeros(len(q)), task.pace if slow is None else slow * task.pace
+    step, slow = np.zeros(len(q)), task.slowdown if slow is None else slow * task.slowdown
     for start, end in task.moving_runs:
         run = slice(start, end + 1)
         along = np.r_[0.0, np.cumsum(parameter_steps(task, q, start, end))]
@@ -116,7 +116,7 @@ def time_ends(task: PlanTask, q: Array) -> Array:
 
     A run accelerates and decelerates within END_TIME and some smoothing times; moves farther away are not timed.
     """
-    step, far, pace = np.zeros(len(q)), END_TIME + END_SPANS * task.smoothing, task.pace
+    step, far, slow = np.zeros(len(q)), END_TIME + END_SPANS * task.smoothing, task.slowdown
     for start, end in task.moving_runs:
         along = np.r_[0.0, np.cumsum(parameter_steps(task, q, start, end))]
         count = len(along)
@@ -125,7 +125,7 @@ def time_ends(task: PlanTask, q: Array) -> Array:
         parts = [slice(0, count)] if last >= first else [slice(0, last), slice(first, count)]
         for part in parts:
             own = along[part] - along[part.start]
-            time = _time_run(task, own, q[start : end + 1][part], None, pace[start : end + 1][part])
+            time = _time_run(task, own, q[start : end + 1][part], None, slow[start : end + 1][part])
             step[start + 1 + part.start : start + part.stop] = np.diff(time)
     return np.cumsum(step)
 

@@ -33,10 +33,10 @@ CIRCLE: dict[str, Any] = {
 
 
 def test_a_posture_wins_by_what_its_preset_is_for_alone() -> None:
-    def exact_robot(preset: str, time: float, band: float, still: float) -> float:
-        return compute_gain(preset, SimpleNamespace(time=time, band=band, still=still), base)
+    def exact_robot(preset: str, time: float, band: float, static_band: float) -> float:
+        return compute_gain(preset, SimpleNamespace(time=time, band=band, static_band=static_band), base)
 
-    base = SimpleNamespace(time=1.0, band=1.0, still=1.0)
+    base = SimpleNamespace(time=1.0, band=1.0, static_band=1.0)
     assert exact_robot("fast", 0.8, 3.0, 3.0) == 0.8
     assert exact_robot("accurate", 1.0, 1.0, 0.9) == 0.95 and exact_robot("error_band", 1.1, 0.5, 0.5) == np.inf
     assert exact_robot("error_band", 1.0, 0.5, 1.1) == 0.5 and exact_robot("accurate", 1.0, 0.5, 1.1) == 0.8
@@ -112,10 +112,10 @@ def test_the_shipped_job_on_a_rail_is_solved_with_its_speed_eased_and_a_narrower
 
 
 def test_an_eased_run_rings_less_and_knows_where(plan: Plan) -> None:
-    assert plan.task.start is not None and (pace := plan.task.start.pace) is not None
-    assert pace.slower.min() >= 1.0 and pace.slower.max() > 1.0
-    assert (np.diff(pace.places) >= 0.0).all() and plan.task.pace.max() == pytest.approx(pace.slower.max(), rel=0.05)
-    even = replace(plan.task, start=replace(plan.task.start, pace=None))
+    assert plan.task.start is not None and (run := plan.task.start.slowdown) is not None
+    assert run.slower.min() >= 1.0 and run.slower.max() > 1.0
+    assert (np.diff(run.places) >= 0.0).all() and plan.task.slowdown.max() == pytest.approx(run.slower.max(), rel=0.05)
+    even = replace(plan.task, start=replace(plan.task.start, slowdown=None))
     assert time_command(even, plan.task.q_start).time[-1] < time_command(plan.task, plan.task.q_start).time[-1]
 
 

@@ -65,7 +65,7 @@ def test_a_tool_that_leans_takes_its_x_along(tmp_path: Path, monkeypatch: pytest
     absolute = JOB.replace("[part]\n", "[part]\ntouched_off = false\n")
     (tmp_path / "part.toml").write_text(absolute + leaning)
     plan = plan_job(load_job(tmp_path / "part.toml"))
-    leant = np.arccos(np.clip((plan.task.nominal.axis * plan.task.upright).sum(axis=1), -1.0, 1.0))
+    leant = np.arccos(np.clip((plan.task.nominal.axis * plan.task.programmed_axis).sum(axis=1), -1.0, 1.0))
     assert np.degrees(leant).max() > 5.0 and plan.breaches == ()
     turn, true = Rotation.from_rotvec([0.0, 0.0, np.radians(0.3)]).as_matrix(), lattice.tool_axes
     monkeypatch.setattr(lattice, "tool_axes", lambda *words: true(*words) @ turn)

@@ -131,14 +131,14 @@ def test_torques_of_the_program_are_those_of_the_inverse_dynamics(name):
         rng.normal(size=(5, robot.nq)),
         rng.normal(size=(5, 6)) * 300.0,
     )
-    square, push = rng.uniform(0.1, 1.0, 5), rng.normal(size=5)
+    square, half_rate = rng.uniform(0.1, 1.0, 5), rng.normal(size=5)
     limit = read_torques(SimpleNamespace(robot=robot, q_start=q, wrench=wrench))
-    sizes = {"q": robot.nq, "rate": robot.nq, "change": robot.nq, "square": 1, "push": 1, "wrench": 6}
+    sizes = {"q": robot.nq, "rate": robot.nq, "change": robot.nq, "square": 1, "half_rate": 1, "wrench": 6}
     symbols = {key: ca.SX.sym(key, size) for key, size in sizes.items()}
     rows = ca.Function("rows", list(symbols.values()), [limit.rows(SimpleNamespace(**symbols))]).map(5)
-    found = np.array(rows(q.T, rate.T, change.T, square[None], push[None], wrench.T)).T
+    found = np.array(rows(q.T, rate.T, change.T, square[None], half_rate[None], wrench.T)).T
     a, b, held, most = TorqueRules(robot, q, wrench).rows(0, 4, rate, change)
     assert limit.most == pytest.approx(most)
     assert found * most == pytest.approx(
-        a * push[:, None] + b * square[:, None] + held, rel=1e-6, abs=1e-6 * abs(held).max()
+        a * half_rate[:, None] + b * square[:, None] + held, rel=1e-6, abs=1e-6 * abs(held).max()
     )

@@ -49,7 +49,7 @@ def test_the_stretch_within_reach_is_kept_and_the_first_row_beyond_is_named_with
     stood = task.rotation[failing[0] - 1]  # beyond, the tool stays turned as it was
     assert task.rotation[failing] == pytest.approx(np.tile(stood, (len(failing), 1, 1)), abs=1e-9)
     sentence = " ".join(task.start.notes)
-    assert len(sentence) <= 300 and task.start.mend in sentence
+    assert len(sentence) <= 300 and task.start.cause in sentence
     assert f"the first is {np.ceil(first):.0f} " in sentence and "upper position limit of joint_1" in sentence
     command = command_path(task, "nlp")
     assert set(command.failures) >= set(failing.tolist()) and min(command.failures) >= failing[0] - 1

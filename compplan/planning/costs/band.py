@@ -24,7 +24,7 @@ class Band(Cost):
     """
 
     weight: float  #: w / S relative to the other costs, S the total programmed time. [1/s]
-    bend: Array  #: A / d_0, then h / d_0 per pair of joints. Shape (k, 3, nq + nq (nq + 1) / 2).
+    deflection: Array  #: A / d_0, then h / d_0 per pair of joints. Shape (k, 3, nq + nq (nq + 1) / 2).
     name = "band"
     timed = True
 
@@ -34,18 +34,18 @@ class Band(Cost):
     @property
     def numbers(self) -> Array:
         """Return the deflection factors of every station, column by column. Shape (k, c)."""
-        return np.swapaxes(self.bend, 1, 2).reshape(len(self.bend), -1)
+        return np.swapaxes(self.deflection, 1, 2).reshape(len(self.deflection), -1)
 
     def term(self, station: Station) -> ca.SX:
         """Return the weighted square of the deflection."""
         nq, rate = station.q.numel(), station.rate
         pairs = ca.vertcat(*(rate[i] * rate[j] for i, j in combinations_with_replacement(range(nq), 2)))
-        push = 0.5 * (station.push + station.push_before)
-        motion = ca.vertcat(station.change * station.square + rate * push, pairs * station.square)
+        half_rate = 0.5 * (station.half_rate + station.half_rate_before)
+        motion = ca.vertcat(station.change * station.square + rate * half_rate, pairs * station.square)
         return self.weight * station.step * ca.sumsqr(ca.mtimes(ca.reshape(station.numbers[self.name], 3, -1), motion))
 
 
-def measure_bend(task: PlanTask, q: Array) -> Array:
+def measure_deflection(task: PlanTask, q: Array) -> Array:
     """Compute the quasi-static deflection of the tip per joint acceleration, then per product of two joint rates.
 
     Shape (k, 3, nq + nq (nq + 1) / 2). [m per rad/s^2 and per rad^2/s^2, or with m]

@@ -22,5 +22,5 @@ class AccelerationLimit(Limit):
 
     def rows(self, station: Station) -> ca.SX:
         """Return the accelerations after and before the station as shares of their limits."""
-        sides = [station.change * station.square + station.rate * push for push in (station.push, station.push_before)]
-        return ca.vertcat(*(side / ca.DM(self.most) for side in sides))
+        rates = station.half_rate, station.half_rate_before
+        return ca.vertcat(*((station.change * station.square + station.rate * u) / ca.DM(self.most) for u in rates))

@@ -39,9 +39,9 @@ class TorqueLimit(Limit):
         place = ca.vertcat(*frames.centre)
         mass = ca.DM(np.repeat(self.chain.mass, 3))
         speed = ca.jtimes(place, station.q, station.rate)
-        push = ca.jtimes(place, station.q, station.change) + ca.jtimes(speed, station.q, station.rate)
-        push = push * station.square + speed * station.push - ca.DM(np.tile(GRAVITY, len(self.chain.mass)))
-        torque = ca.jtimes(place, station.q, mass * push, True)
+        a = ca.jtimes(place, station.q, station.change) + ca.jtimes(speed, station.q, station.rate)
+        a = a * station.square + speed * station.half_rate - ca.DM(np.tile(GRAVITY, len(self.chain.mass)))
+        torque = ca.jtimes(place, station.q, mass * a, True)
         force, moment = station.wrench[:3], station.wrench[3:]
         held = [
             ca.dot(frames.axis[k], force if self.chain.translates[k]

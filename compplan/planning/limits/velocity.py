@@ -23,7 +23,7 @@ class VelocityLimit(Limit):
 
     def rows(self, station: Station) -> ca.SX:
         """Return the squared velocities as shares of their squared limits."""
-        rate = (station.q_next - station.q) * station.pace / ca.DM(self.most)
+        rate = (station.q_next - station.q) * station.inverse_step / ca.DM(self.most)
         return rate**2 * 0.5 * (station.square + station.square_next)
 
     def bounds(self, problem: PlanningProblem) -> Bounds:

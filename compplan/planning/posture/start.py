@@ -135,7 +135,7 @@ def build_start(posture_choice: PostureSummary, nominal: Toolpath, settings: Pos
     )
     return Start(
         path, posture_choice.q, posture_choice.rotation, posture_choice.configuration, posture_choice.missed,
-        settings, posture_choice, words, upright=nominal.axis if leaning else None,
+        settings, posture_choice, words, programmed_axis=nominal.axis if leaning else None,
     )  # fmt: skip
 
 
@@ -215,7 +215,7 @@ def _note_missed(problem: PostureProblem, start: Start) -> Start:
     stops = f"{text}; `compplan place` looks for a place of the part from which all is reached"
     sentence = (f"{missed.sum()} of {len(missed)} waypoints of the toolpath are out of reach, the first is {first[0]} "
                 f"(s = {1e3 * nominal.arc_length[first[0]]:.0f} mm): {stops}.")  # fmt: skip
-    return replace(start, notes=(*start.notes, sentence), mend=stops)
+    return replace(start, notes=(*start.notes, sentence), cause=stops)
 
 
 def _explain_reach(problem: PostureProblem) -> str:

@@ -123,11 +123,11 @@ class Start:
     #: Posture of the graph, or None if infeasible or not searched.
     posture_choice: PostureSummary | None = None
     notes: tuple[str, ...] = ()  #: Notes for the user, one sentence each.
-    mend: str = ""  #: Cause and remedy of the first waypoint out of reach, "" if all are reached.
+    cause: str = ""  #: Cause and remedy of the first waypoint out of reach, "" if all are reached.
     #: Figures of the program of posture and speed for plan.json; None with the posture of the graph.
     program: Mapping[str, Any] | None = None
-    pace: Slowdown | None = None  #: Slowdown of the run, None for the fastest one.
+    slowdown: Slowdown | None = None  #: Slowdown of the run, None for the fastest one.
     #: Offset from the programmed path within its tube, None for none. Shape (n, 3). [m]
-    aside: Array | None = None
+    offset: Array | None = None
     #: Programmed tool axis, None if that of `nominal`. Shape (n, 3).
-    upright: Array | None = None
+    programmed_axis: Array | None = None

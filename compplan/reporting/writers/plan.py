@@ -165,7 +165,7 @@ def place_rows(plan: Plan, wanted: Array | None = None) -> tuple[Array, Array]:
     task, parts = plan.task, []
     for way in (plan.approach, plan.retract):
         if len(way.q):
-            held = task.see_pose(attain_pose(task.chain, way.q, way.wrench, slope=False))
+            held = task.to_part_frame_pose(attain_pose(task.chain, way.q, way.wrench, slope=False))
             parts.append((held.position, -held.rotation[:, :, 2]))
         else:
             parts.append((np.zeros((0, 3)), np.zeros((0, 3))))
