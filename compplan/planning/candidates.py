@@ -35,11 +35,11 @@ from compplan.planning.task import PlanTask
 from compplan.planning.timing import parameter_steps
 
 #: Presets whose postures are compared with that of a preset, and the cost of the comparison.
-BESIDE = {"fast": ("smooth", "accurate"), "accurate": ("smooth", "fast"), "error_band": ("accurate", "smooth"),
+COMPARED_WITH = {"fast": ("smooth", "accurate"), "accurate": ("smooth", "fast"), "error_band": ("accurate", "smooth"),
           "smooth": ("accurate", "fast")}  # fmt: skip
 LEAST = {"fast": "driven_s", "accurate": "band_mm", "error_band": "band_mm", "smooth": "joint_travel_deg"}
 #: Joint position difference below which postures are equal. [rad or m]
-ALIKE = 1e-4
+SAME_POSTURE = 1e-4
 #: Ratio of a run's time to the least time at the programmed feed up to which no gain is possible.
 AT_FEED = 1.02
 #: Waypoints per run above which start and stop are a small part of it.
@@ -82,9 +82,9 @@ def better_start(start: Start, request: PathRequest, *, shape: bool = True) -> S
     groups = [(runs, ease_run(preset, first, first, request))]  # candidates, and the reference run
     if preset == "error_band" and default is not None and (usual := measure_runs(default, request)):
         own = (usual, ease_run("", usual[0], usual[0], request))  # default result: the band must not be wider than that
-        groups = [own] if np.allclose(default.q, start.q, atol=ALIKE) else [*groups, own]
+        groups = [own] if np.allclose(default.q, start.q, atol=SAME_POSTURE) else [*groups, own]
     plain = find_plain(request.robot, request.nominal, request.tool_x, start) if len(task) <= LONGEST else None
-    if plain is not None and not plain.missed.any() and not np.allclose(plain.q, start.q, atol=ALIKE):
+    if plain is not None and not plain.missed.any() and not np.allclose(plain.q, start.q, atol=SAME_POSTURE):
         groups[-1][0].extend(run._replace(origin="programmed") for run in measure_runs(plain, request))
 
     candidates = [base for _, base in groups]
@@ -117,7 +117,7 @@ def _compare_presets(start: Start, request: PathRequest) -> tuple[Start, Start |
     posture_choice, settings = start.posture_choice, start.settings
     assert posture_choice is not None
     found: dict[str, PostureSummary] = {settings.preset: posture_choice}
-    for other in BESIDE[settings.preset]:
+    for other in COMPARED_WITH[settings.preset]:
         try:
             other_settings = replace(settings, preset=other, errors=None)
             found[other] = choose_posture_path(
@@ -140,23 +140,23 @@ def _compare_presets(start: Start, request: PathRequest) -> tuple[Start, Start |
 
     def build(name: str) -> Start:
         one = found[name]
-        said = replace(one, settings=settings, costs={**one.costs, cost: compared[name]}, compared=compared,
+        summary = replace(one, settings=settings, costs={**one.costs, cost: compared[name]}, compared=compared,
                        compared_by=cost)  # fmt: skip
-        return build_start(said, request.nominal, settings)
+        return build_start(summary, request.nominal, settings)
 
     return build(name), build("accurate") if "accurate" in found and settings.preset != "accurate" else None
 
 
 def _keeps_feed(task: PlanTask, request: PathRequest) -> bool:
     """Return whether a run keeps the programmed feed with low accelerations: no gain is possible."""
-    rate, push = 0.0, 0.0
+    rate, acceleration = 0.0, 0.0
     if len(task) > MANY * len(task.runs):  # few starts and stops: the rates at the programmed feed suffice
         for first, last in task.runs:
             time = np.r_[0.0, np.cumsum(parameter_steps(task, task.q_start, first, last))]
             mean, change = difference_motion(task.q_start[first : last + 1], time)
             rate = max(rate, float((np.abs(mean) / task.velocity_limits).max()))
-            push = max(push, float((np.abs(change[1:-1]) / task.acceleration_limits).max(initial=0.0)))
-        if rate < 1.0 and push < CALM:
+            acceleration = max(acceleration, float((np.abs(change[1:-1]) / task.acceleration_limits).max(initial=0.0)))
+        if rate < 1.0 and acceleration < CALM:
             return True
     try:
         timing = time_run(task, task.q_start, request.feed_request)[1]

@@ -50,7 +50,7 @@ from compplan.uncertainty.motion import Motion, greatest_shift
 #: Factors on limits for rounding: of the planner's differences, and of other difference formulas.
 ROUNDING, ROUNDED = 1.001, 1.002
 #: Most moves and loads that are checked: the worst by the planner's model, and evenly spaced ones.
-LOOKED_INTO = 3000
+MOST_CHECKED = 3000
 #: Allowed difference of the loaded tip between planner and check: [m] plus share of tolerance; waypoints compared.
 AGREED, AGREED_SHARE, COMPARED = 1e-6, 0.02, 400
 #: Note of readers on drilling cycles left out.
@@ -60,7 +60,7 @@ JUMP_TURN, JUMP_SLIDE = float(np.radians(20.0)), 0.2
 #: Allowed tilt of the tool in addition to that due to the load. [rad]
 LEAN = float(np.radians(0.05))
 #: Most rows at which the displacement by inertia is checked; its allowed difference: share plus constant. [1, 1, m]
-LOOKED_AT, INERTIA_SHARE, INERTIA_LEAST = 2000, 0.1, 2e-6
+INERTIA_ROWS, INERTIA_SHARE, INERTIA_LEAST = 2000, 0.1, 2e-6
 #: Severities: a failed check prevents confirmation of the plan, or is noted.
 STOP, NOTE = "stop", "note"
 
@@ -223,12 +223,12 @@ def _check_spin(task: PlanTask, q: Array, after: Evaluation, stiff: Array, job: 
     towards = job.T_base_part[:3, :3] @ np.asarray(job.plan.tool_x, float)
     programmed, axis = task.programmed_axis, task.nominal.axis
     flat = towards - (programmed @ towards)[:, None] * programmed
-    size = np.linalg.norm(flat, axis=1)
+    size = np.maximum(np.linalg.norm(flat, axis=1), 1e-12)
     middle = programmed + axis  # a tilt moves x: half a turn about the programmed axis, half a turn about the middle
     for about in (programmed, middle / np.linalg.norm(middle, axis=1, keepdims=True)):
         flat = 2.0 * np.einsum("ni,ni->n", flat, about)[:, None] * about - flat
-    sure = after.cut & (size > 0.05 * np.linalg.norm(towards))
-    turned = np.where(sure, _angle(after.rotation[:, :, 0], flat / np.maximum(size, 1e-12)[:, None]) - 1.5 * bent, -1.0)
+    defined = after.cut & (size > 0.05 * np.linalg.norm(towards))
+    turned = np.where(defined, _angle(after.rotation[:, :, 0], flat / size[:, None]) - 1.5 * bent, -1.0)
     worst = int(turned.argmax())
     room = LEAN + 1.5 * _angle(after.rotation[worst : worst + 1, :, 0], stiff[worst : worst + 1, :, 0])[0]
     sentence = (f"the independent check finds the tool turned {np.degrees(turned[worst]):.3g} deg about its axis, "
@@ -256,8 +256,8 @@ def _check_joints(task: PlanTask, q: Array, time: Array) -> list[Check]:
         return checks
     rate = np.abs(np.diff(q, axis=0)) / np.maximum(step, 1e-12)[:, None] / task.velocity_limits
     rows = _find_moving(task, time)
-    push = np.abs(fit_parabolas(q, time, rows)[1]) / task.acceleration_limits
-    for name, share, limit in (("velocity", rate, ROUNDED), ("acceleration", push, 1.01 * ROUNDED)):
+    acceleration = np.abs(fit_parabolas(q, time, rows)[1]) / task.acceleration_limits
+    for name, share, limit in (("velocity", rate, ROUNDED), ("acceleration", acceleration, 1.01 * ROUNDED)):
         for joint, value in zip(robot.joint_names, share.max(axis=0, initial=0.0).tolist(), strict=True):
             sentence = f"the {name} of {joint} is {value:.3g} times its limit"
             checks.append(Check(f"joint {name}, share of its limit", value, limit, sentence))
@@ -289,8 +289,8 @@ def _check_inertia(task: PlanTask, time: Array, motion: Motion | None, moving: E
     if motion is not None and len(rows):
         own = greatest_shift(motion.static)
         q, cutting = task.q_links, np.r_[False, ~task.nominal.rapid[1:]]
-        push = np.linalg.norm(fit_parabolas(q, time, rows)[1], axis=1)
-        rows = np.sort(rows[np.argsort(push)[-LOOKED_AT // 2 :]])
+        acceleration = np.linalg.norm(fit_parabolas(q, time, rows)[1], axis=1)
+        rows = np.sort(rows[np.argsort(acceleration)[-INERTIA_ROWS // 2 :]])
         loads = load_springs(moving, q, time, cutting, task.rests, rows)
         most = float(np.linalg.norm(shift_tip(moving, q[rows], loads[rows]), axis=1).max())
     sentence = (f"inertia moves the tip by {1e3 * own:.3g} mm in the plan, by {1e3 * most:.3g} mm in Pinocchio's "
@@ -305,7 +305,7 @@ def evaluate_between(task: PlanTask, q: Array, between: Between, bench: CheckRob
     Returns the greatest distance from the moves [m], and the waypoint where that move starts.
     """
     moves = cutting_moves(task)
-    moves = pick_worst(moves, between.most[moves], LOOKED_INTO)
+    moves = pick_worst(moves, between.most[moves], MOST_CHECKED)
     if not len(moves):
         return 0.0, -1
     half = [0.5 * (values[moves] + values[moves + 1]) for values in (q, task.wrench)]
@@ -340,7 +340,7 @@ def find_overloads(task: PlanTask, q: Array, bench: CheckRobot) -> dict[int, str
     if not np.isfinite(efforts).any():
         return {}
     rows = np.flatnonzero(task.compensated)
-    rows = pick_worst(rows, np.linalg.norm(task.wrench[rows, :3], axis=1), LOOKED_INTO)
+    rows = pick_worst(rows, np.linalg.norm(task.wrench[rows, :3], axis=1), MOST_CHECKED)
     share = np.abs(hold_load(bench.cell.exact_robot, q[rows], task.wrench[rows])) / np.maximum(efforts, 1e-9)
     found = {}
     for k in np.flatnonzero((share > ROUNDING).any(axis=1)).tolist():

@@ -84,10 +84,10 @@ class Comparison(Shown):
                 words += f"{format_length(drawn.most(name))} on 95 % of them"
             rows.append((name, words if self.commands[name].status == "solved" else f"{words}; infeasible"))
         names = self.least
-        said = f"{names[0]} leaves least"
+        text = f"{names[0]} leaves least"
         if len(names) > 1:
-            said = f"{', '.join(names[:-1])} and {names[-1]} leave the same"
-        return [("comparison", f"{self.name}, {self.task.robot.name}: {said}"), *rows]
+            text = f"{', '.join(names[:-1])} and {names[-1]} leave the same"
+        return [("comparison", f"{self.name}, {self.task.robot.name}: {text}"), *rows]
 
     def columns(self) -> dict[str, Any]:
         """Return a row per strategy and simulated robot: rms, mean and greatest deviation."""

@@ -45,9 +45,9 @@ STEPS, SOLVES = 6, 6
 #: Most waypoints that become stations because they violate a limit; evenly selected from more.
 MOST_MORE = 1500
 #: Joint position difference at the stations below which positions are equal. [rad or m]
-ALIKE = 1e-9
+EQUAL = 1e-9
 #: The same for robots with effects that depend on the complete path. [rad or m]
-ALIKE_MEMORY = 1e-7
+EQUAL_MEMORY = 1e-7
 
 
 @dataclass(frozen=True)
@@ -96,7 +96,7 @@ def solve_path(task: PlanTask, near: Array | None = None) -> PathSolution:
             stations = np.union1d(stations, leaving)
             q[leaving] = np.clip(task.q_start[leaving], task.robot.lower, task.robot.upper)
             released[stations] = not task.redundant or released.any()
-        elif not memory or np.abs(q[stations] - solution.q).max(initial=0.0) < ALIKE_MEMORY:
+        elif not memory or np.abs(q[stations] - solution.q).max(initial=0.0) < EQUAL_MEMORY:
             break
     return PathSolution(q, solution, solves, iterations, cpu, explain_conflict(solution))
 
@@ -182,7 +182,7 @@ def fill_waypoints(task: PlanTask, solution: Solution, near: Array) -> Array:
     q[rows[missing]] = solution.q[missing]
     q = correct_pose(task, q, held)
     away = solution.q - q[rows]
-    if not task.redundant or np.abs(away).max() < ALIKE:
+    if not task.redundant or np.abs(away).max() < EQUAL:
         return q
     length = np.r_[0.0, np.cumsum(np.maximum(task.step_time, 1e-9))]
     moved = PchipInterpolator(length[rows], away)(np.clip(length, length[rows[0]], length[rows[-1]]))

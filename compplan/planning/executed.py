@@ -139,7 +139,7 @@ def _measure(task: PlanTask, q: Array, reached: Array, place: Array) -> tuple[Ar
         effect[~task.compensated] = 0.0
     row = np.clip(np.ceil(place).astype(int), 1, len(q) - 1)
     cut = task.cut[row] & task.cut[row - 1]
-    distance, beside = np.zeros(len(row)), np.zeros(len(q))
+    distance, nearby = np.zeros(len(row)), np.zeros(len(q))
     commanded = locate_frames(task.chain, q).tcp_position
     for rows in np.array_split(np.flatnonzero(cut), max(1, int(cut.sum()) // BLOCK)):
         # around a corner the force changes with the place: that of the nearest place, not of the same share of a move
@@ -152,5 +152,5 @@ def _measure(task: PlanTask, q: Array, reached: Array, place: Array) -> tuple[Ar
         nearest = find_nearest(task.position, beside_it, tip, NEAR)[0]
         distance[rows] = np.linalg.norm(tip - nearest, axis=1)
     for ends in (row, row - 1):
-        np.maximum.at(beside, ends, distance)
-    return beside, float(np.percentile(distance[cut], 95)) if cut.any() else 0.0, float(distance.max(initial=0.0))
+        np.maximum.at(nearby, ends, distance)
+    return nearby, float(np.percentile(distance[cut], 95)) if cut.any() else 0.0, float(distance.max(initial=0.0))

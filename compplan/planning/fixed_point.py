@@ -1,7 +1,7 @@
 """Fixed point of correction, timing, force and sampling.
 
 The force depends on the actual feed, inertia on the motion, the motion on the correction, the correction on the force.
-One loop iterates them until an iteration moves the loaded tip by at most `SETTLED` of the tolerance and no joint
+One loop iterates them until an iteration moves the loaded tip by at most `CONVERGED` of the tolerance and no joint
 exceeds a limit:
 
     command <- loads,   run <- command,   loads <- run,   slower where a limit is exceeded.
@@ -46,11 +46,11 @@ from compplan.statics.stiffness import attain_pose
 from compplan.toolpath.toolpath import interpolate
 
 #: Convergence of force, feed and motion: shift of the tip per iteration as a share of the tolerance.
-SETTLED = 1e-3
+CONVERGED = 1e-3
 #: Most iterations between two divisions, and most divisions of the path.
 TURNS, DIVISIONS = 12, 5
 #: Moves on both sides of a lost-motion crossing that are divided as finely: a slow crossing delays the run less.
-BESIDE = 2
+NEIGHBOURS = 2
 #: Shift of the tip below which the correction is not updated. [m]
 EXACT = 1e-10
 
@@ -82,11 +82,11 @@ def compensate(
     if task.missed.any() or not task.chain.n_springs or not task.robot.bodies:
         task = replace(task, inertia=False)
     found = _iterate_loads(task, strategy, feed_request, output, progress)
-    settled = found.excess <= 1.0 and found.change <= SETTLED * task.tolerance
+    converged = found.excess <= 1.0 and found.change <= CONVERGED * task.tolerance
     kept = found.command.status == "solved" and found.between.max_deviation <= task.tolerance
-    if found.task.inertia and not (settled and kept):
+    if found.task.inertia and not (converged and kept):
         found = _iterate_loads(replace(task, inertia=False), strategy, feed_request, output, progress)
-        reason = "a limit or the tolerance is not held" if settled else "motion and correction do not settle"
+        reason = "a limit or the tolerance is not held" if converged else "motion and correction do not settle"
         note = f"The inertia of the motion is not compensated here: with it {reason}. The 95 % band counts all of it."
         found = replace(found, notes=(*found.notes, note))
     return found
@@ -128,7 +128,7 @@ def _iterate_loads(
             excess = float(slower.max())
             if excess > 1.0 or feed_request.torque:
                 slow, run = slow * np.minimum(slower, 3.0) * np.where(slower > 1.0, 1.02, 1.0), None
-            if (excess > 1.0 or change > SETTLED * task.tolerance) and turn % TURNS:
+            if (excess > 1.0 or change > CONVERGED * task.tolerance) and turn % TURNS:
                 continue
             timing = state_timing(driven, command.q, time)
             driven = replace(driven, wrench=task.wrench, bias=task.bias)
@@ -221,10 +221,10 @@ def resolve_starts(task: PlanTask, feed_request: FeedRequest) -> PlanTask:
     rests = np.array(runs).ravel()
     moves = rests - np.tile([0, 1], len(runs))
     step = np.maximum(np.diff(time)[moves], 1e-12)[:, None]
-    push = 2.0 * (task.q_start[moves + 1] - task.q_start[moves]) / step**2 * np.tile([[1.0], [-1.0]], (len(runs), 1))
-    loads, still = load_by_motion(dynamics.inertial, task.q_start[rests], np.zeros_like(push), push), task.wrench[rests]
+    a = 2.0 * (task.q_start[moves + 1] - task.q_start[moves]) / step**2 * np.tile([[1.0], [-1.0]], (len(runs), 1))
+    loads, wrench = load_by_motion(dynamics.inertial, task.q_start[rests], np.zeros_like(a), a), task.wrench[rests]
     bent, plain = (
-        attain_pose(task.chain, task.q_start[rests], still, slope=False, torque_bias=bias).position
+        attain_pose(task.chain, task.q_start[rests], wrench, slope=False, torque_bias=bias).position
         for bias in (loads, None)
     )
     excess = np.linalg.norm(bent - plain, axis=1) / (0.5 * task.chord)
@@ -245,7 +245,7 @@ def _missing_pieces(found: Compensation) -> NDArray[np.int_]:
     stray, crosses = np.maximum(ways.most - ends, 0.0), find_crossings(found.command.q, q)
     stray[crosses] = np.maximum(stray, found.between.most)[crosses]
     pieces = required_pieces(stray, task.chord)
-    crossing = np.pad(np.where(crosses, pieces, 1), BESIDE, constant_values=1)
-    pieces = np.maximum(pieces, np.lib.stride_tricks.sliding_window_view(crossing, 2 * BESIDE + 1).max(axis=1))
+    crossing = np.pad(np.where(crosses, pieces, 1), NEIGHBOURS, constant_values=1)
+    pieces = np.maximum(pieces, np.lib.stride_tricks.sliding_window_view(crossing, 2 * NEIGHBOURS + 1).max(axis=1))
     pieces[(task.nominal.steps < 1e-6) | task.nominal.rapid[1:] | task.lead[1:]] = 1
     return pieces

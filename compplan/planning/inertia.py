@@ -34,12 +34,12 @@ def measure_motion(task: PlanTask, time: Array, dynamics: Dynamics) -> Motion | 
         return locate_loaded(task.chain, task.q_links, task.wrench, tolerance=1e-10, torque_bias=bias,
                              theta=task.theta)[0]  # fmt: skip
 
-    still, moving = locate(None), locate(loads)
-    moved = locate(held) if held.any() else still
+    static, moving = locate(None), locate(loads)
+    moved = locate(held) if held.any() else static
     width, masses = know_masses(task.robot, robot_uncertainty(task.robot))
     source = f"{masses}, damping of the modes {DAMPING:g} of critical (assumed)"
     return swing_arm(
-        dynamics, task.q_links, time, Push(loads, moving - still), Push(held, moved - still), width=width,
+        dynamics, task.q_links, time, Push(loads, moving - static), Push(held, moved - static), width=width,
         damping=DAMPING, source=source,
     )  # fmt: skip
 

@@ -52,8 +52,8 @@ def difference_motion(q: Array, time: Array) -> tuple[Array, Array]:
     """
     step = np.maximum(np.diff(time), 1e-12)
     mean = np.diff(q, axis=0) / step[:, None]
-    still = np.zeros((1, q.shape[1]))
-    change = np.diff(np.vstack([still, mean, still]), axis=0)
+    rest = np.zeros((1, q.shape[1]))
+    change = np.diff(np.vstack([rest, mean, rest]), axis=0)
     return mean, change / (0.5 * (np.r_[0.0, step] + np.r_[step, 0.0]))[:, None]
 
 

@@ -20,7 +20,7 @@ from compplan.robot.mounting import name_axis, outward_axis
 from compplan.uncertainty.motion import Motion, greatest_shift
 
 #: Deflection by inertia above which a note is written, as a share of the tolerance.
-WORTH_A_NOTE = 0.1
+NOTED_SHARE = 0.1
 #: Force models of a turning tool.
 TURNING = ("milling", "end_mill", "drill")
 
@@ -51,15 +51,15 @@ def list_notes(
 def describe_inertia(task: PlanTask, motion: Motion | None, job: Job | None) -> str:
     """Describe the deflection by inertia if the plan does not compensate it; "" below a tenth of the tolerance."""
     inertia = 0.0 if task.inertia or motion is None else greatest_shift(motion.answer[task.cut])
-    if inertia <= WORTH_A_NOTE * task.tolerance:
+    if inertia <= NOTED_SHARE * task.tolerance:
         return ""
-    said, masses = ", the 95 % band counts it", task.robot.sources.get("masses", "not stated in the folder")
+    text, masses = ", the 95 % band counts it", task.robot.sources.get("masses", "not stated in the folder")
     if task.missed.any():
-        said = ", parts of the path are out of reach"
+        text = ", parts of the path are out of reach"
     elif job is not None and not job.plan.inertia:
-        said = ", with [plan] inertia = true it does"
+        text = ", with [plan] inertia = true it does"
     return (f"The inertia of the motion bends the arm by up to {1e3 * inertia:.2g} mm (masses: {masses}); the plan "
-            f"does not compensate it{said}.")  # fmt: skip
+            f"does not compensate it{text}.")  # fmt: skip
 
 
 def describe_spindle(task: PlanTask, job: Job) -> str:
@@ -96,12 +96,12 @@ def check_tool(job: Job, robot: Robot) -> list[str]:
             f"The tool is {1e3 * length:.4g} mm long, the arm's links end to end {1e3 * robot.longest_reach:.4g} mm: "
             "little of the wrist's turning is left at such a tip. Is tool.position_mm in mm?"
         ))  # fmt: skip
-    angle, aside = _angle(out, pose[:3, 2]), _angle(out, pose[:3, 3]) if length > SHORT else 0.0
+    angle, offset = _angle(out, pose[:3, 2]), _angle(out, pose[:3, 3]) if length > SHORT else 0.0
     drawn = job.collision is not None and job.collision.tool is not None
-    if max(angle, aside) > SIDEWAYS and not drawn:
-        said = (f"The tool points {angle:.3g} deg away from" if angle > SIDEWAYS
-                else f"The tip lies {aside:.3g} deg aside of")  # fmt: skip
-        notes.append(Stop(f"{said} the direction {name_axis(out)} in which the flange of {robot.name} points: is that "
+    if max(angle, offset) > SIDEWAYS and not drawn:
+        text = (f"The tool points {angle:.3g} deg away from" if angle > SIDEWAYS
+                else f"The tip lies {offset:.3g} deg aside of")  # fmt: skip
+        notes.append(Stop(f"{text} the direction {name_axis(out)} in which the flange of {robot.name} points: is that "
                           f"right? compplan init --robot {robot.name} writes a straight tool."))  # fmt: skip
     return notes
 
@@ -144,8 +144,8 @@ def mark_slow(task: PlanTask, timing: Timing) -> NDArray[np.bool_]:
             FROM_END * task.smoothing
         )
     slow = timing.lowered & away
-    beside = np.r_[False, slow[:-1]] | np.r_[slow[1:], False]  # a single waypoint is due to rounding
-    return np.asarray(slow & beside)
+    adjacent = np.r_[False, slow[:-1]] | np.r_[slow[1:], False]  # a single waypoint is due to rounding
+    return np.asarray(slow & adjacent)
 
 
 def find_top_feed(task: PlanTask, timing: Timing) -> float | None:

@@ -152,11 +152,11 @@ def plan_task(
     progress("checks, approach and retract")
     motion = measure_motion(task, timing.time, build_dynamics(task.robot))
     checks = run_checks(task, command, timing, found.between, after, bench, job=job, motion=motion, executed=executed)
-    told = state_notes([*(task.start.notes if task.start else ()), *found.notes])
-    told += list_notes(task, command, timing, motion, job)
+    notes = state_notes([*(task.start.notes if task.start else ()), *found.notes])
+    notes += list_notes(task, command, timing, motion, job)
     return Plan(
         name=name, task=task, strategy=strategy, command=command, timing=timing, before=before, after=after,
-        checks=checks + told, job=job, approach=plan_approach(task, command.q),
+        checks=checks + notes, job=job, approach=plan_approach(task, command.q),
         retract=plan_retract(task, command.q), between=found.between, motion=motion, clearance=clearance,
         executed=executed,
     )  # fmt: skip

@@ -232,11 +232,11 @@ def _turn_in_place(task: PlanTask, q: Array, start: int) -> Array:
 def time_rapids(distance: Array, velocity_limits: Array, acceleration_limits: Array) -> Array:
     """Compute times of joint moves (k, nq) from rest to rest: trapezoidal speed, slowest joint. Shape (k,). [s]"""
     assumed = np.where(np.isfinite(velocity_limits), velocity_limits / FULL_SPEED_AFTER, NO_LIMIT)
-    push = np.where(np.isfinite(acceleration_limits), acceleration_limits, assumed)
-    triangle = 2 * np.sqrt(distance / push)
+    acceleration = np.where(np.isfinite(acceleration_limits), acceleration_limits, assumed)
+    triangle = 2 * np.sqrt(distance / acceleration)
     with np.errstate(invalid="ignore"):
-        trapezoid = distance / velocity_limits + velocity_limits / push
-    short = distance * push < velocity_limits**2
+        trapezoid = distance / velocity_limits + velocity_limits / acceleration
+    short = distance * acceleration < velocity_limits**2
     return np.asarray(np.where(short, triangle, trapezoid).max(axis=1, initial=0.0))
 
 
@@ -244,8 +244,8 @@ def parameter_steps(task: PlanTask, q: Array, start: int, end: int) -> Array:
     """Return programmed times of the moves of a cut; a move without length (a turn) has the time of its joints."""
     steps = task.step_time[start:end]
     need = (np.abs(np.diff(q[start : end + 1], axis=0)) / task.velocity_limits).max(axis=1)
-    still = task.nominal.steps[start:end] <= 0
-    return np.maximum(np.where(still, need, steps), 1e-7)
+    in_place = task.nominal.steps[start:end] <= 0
+    return np.maximum(np.where(in_place, need, steps), 1e-7)
 
 
 def find_narrow(task: PlanTask, along: Array, start: int, end: int) -> list[tuple[int, int, int]]:
@@ -419,5 +419,5 @@ def ease_duration(distance: Array, velocity_limits: Array, acceleration_limits: 
     """Compute the time T of a smooth move: greatest speed 1.875 d / T, greatest acceleration 5.774 d / T^2. [s]"""
     with np.errstate(divide="ignore", invalid="ignore"):
         by_speed = np.nan_to_num(1.875 * distance / velocity_limits).max(initial=0.0)
-        by_push = np.sqrt(np.nan_to_num(5.774 * distance / acceleration_limits).max(initial=0.0))
-    return float(max(by_speed, by_push))
+        by_acceleration = np.sqrt(np.nan_to_num(5.774 * distance / acceleration_limits).max(initial=0.0))
+    return float(max(by_speed, by_acceleration))

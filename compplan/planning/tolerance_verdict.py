@@ -25,7 +25,7 @@ KEEPS, MAY_NOT_KEEP, NOT_KNOWN = "keeps", "may_not_keep", "not_known"
 MEASURE = "Measure the robot: compplan campaign JOB --poses 12 --out poses."
 LET_COMPENSATE = "Let the plan compensate it: [plan] inertia = true."
 #: Next step if a check disagrees with the plan or its files.
-SETTLE = (
+RESOLVE = (
     "Do not run the programs. Change what is named here in the job or the robot folder; if neither explains it, "
     "report both as a defect."
 )
@@ -81,7 +81,7 @@ def check_tolerance(
     """
     wanted, error_band = state_mm(task.tolerance), None if status == "infeasible" else error_band
     band, basis = (None, "") if error_band is None else (error_band.whole, describe_basis(error_band))
-    aside = "" if compensates or not known else " Inertia is not compensated: [plan] inertia = false."
+    inertia = "" if compensates or not known else " Inertia is not compensated: [plan] inertia = false."
     left_out = list_left_out(task.robot, error_band, inertia_known=known, traced=traced)
 
     def state(word: str, sentence: str, cause: str, change: str, share: float | None) -> ToleranceVerdict:
@@ -89,7 +89,7 @@ def check_tolerance(
 
     def withhold(missing: str, change: str, share: float | None) -> ToleranceVerdict:
         head = "" if status == "solved" else "Do not start. "
-        sentence = f"{head}Not known whether it keeps {wanted}: {missing}. {change}{aside}"
+        sentence = f"{head}Not known whether it keeps {wanted}: {missing}. {change}{inertia}"
         return state(NOT_KNOWN, sentence, missing, change, share)
 
     if status == "infeasible":
@@ -98,7 +98,7 @@ def check_tolerance(
         change = "Move the part (compplan place JOB), or allow a wider tolerance."
         first = f" (the first is waypoint {min(failures)})" if failures else ""
         sentence = (f"Do not start: there is no solution. May not keep {wanted}: {len(failures)} waypoints are not "
-                    f"reached within the limits{first}. Largest cause: {cause}. {change} {NO_BAND}.{aside}"
+                    f"reached within the limits{first}. Largest cause: {cause}. {change} {NO_BAND}.{inertia}"
                     )  # fmt: skip
         return state(MAY_NOT_KEEP, sentence, cause, change, None)
     if error_band is None:
@@ -112,19 +112,19 @@ def check_tolerance(
         off = (f"May not keep {wanted}: the tip may be up to {state_mm(error_band.whole)} off the path (95 %). Beyond "
                f"the tolerance: {state_percent(share)} of the cut, worst at {worst}. Largest cause: {cause}."
                )  # fmt: skip
-        sentence = f"{off} {change}{'' if change == LET_COMPENSATE else aside}"
+        sentence = f"{off} {change}{'' if change == LET_COMPENSATE else inertia}"
         if status != "solved":
-            change, sentence = SETTLE, f"Do not start: the plan is {failure}. {SETTLE} {off}"
+            change, sentence = RESOLVE, f"Do not start: the plan is {failure}. {RESOLVE} {off}"
         return state(MAY_NOT_KEEP, sentence, cause, change, share)
     if status == "not_confirmed":
-        return withhold(f"the plan is {failure}", SETTLE, share)
+        return withhold(f"the plan is {failure}", RESOLVE, share)
     if task.robot.uncertainty is None and task.robot.grade == "placeholder":
         return withhold("the stiffness of this robot was never measured (its model is a placeholder)", MEASURE, share)
     if not known:
         missing = "the robot folder has no masses or no springs, so inertia is not counted"
         return withhold(missing, "State them in its folder.", share)
     sentence = (f"Keeps {wanted}: with 95 % probability the tip stays within "
-                f"{state_mm(error_band.whole)} along the whole cut ({basis}).{aside}")  # fmt: skip
+                f"{state_mm(error_band.whole)} along the whole cut ({basis}).{inertia}")  # fmt: skip
     return state(KEEPS, sentence, cause, "", share)
 
 
@@ -162,14 +162,14 @@ def describe_basis(error_band: ErrorBand) -> str:
 
 def list_left_out(robot: Robot, error_band: ErrorBand | None, *, inertia_known: bool, traced: bool) -> tuple[str, ...]:
     """List the causes of deviations that the band does not include."""
-    told = []
+    left_out = []
     if not traced and not any(effect["effect"] == "tracking_lag" for effect in robot.effects):
-        told.append("path errors of the controller (no trace of it)")
+        left_out.append("path errors of the controller (no trace of it)")
     if not inertia_known:
-        told.append("inertia and vibration of the arm (no masses, or no springs)")
+        left_out.append("inertia and vibration of the arm (no masses, or no springs)")
     if error_band is None or not error_band.parts["placement"].any():
-        told.append("place of the part ([noise] part_frame_mm states none)")
-    return (*told, "ringing after rapid moves", "bending of the cutter", "chatter", "warming up")
+        left_out.append("place of the part ([noise] part_frame_mm states none)")
+    return (*left_out, "ringing after rapid moves", "bending of the cutter", "chatter", "warming up")
 
 
 def share_length(length: Array, cut: NDArray[np.bool_], chosen: NDArray[np.bool_]) -> float:

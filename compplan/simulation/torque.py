@@ -42,12 +42,12 @@ class TorqueRules:
 
     def rows(self, start: int, end: int, rate: Array, change: Array) -> tuple[Array, Array, Array, Array]:
         """Return a, b, c of the waypoints from `start` to `end`, shapes (k, nq), and the limits, shape (nq,). [N m]"""
-        data, still = self.model.createData(), np.zeros(self.model.nv)
+        data, zero = self.model.createData(), np.zeros(self.model.nv)
         place = self.positions[start : end + 1]
-        speed, bend = rate @ self.commanded.T, change @ self.commanded.T
+        speed, curvature = rate @ self.commanded.T, change @ self.commanded.T
         a, b = np.empty((len(place), self.model.nv)), np.empty((len(place), self.model.nv))
         for i in range(len(place)):
             weight = pin.computeGeneralizedGravity(self.model, data, place[i])
-            a[i] = pin.rnea(self.model, data, place[i], still, speed[i]) - weight
-            b[i] = pin.rnea(self.model, data, place[i], speed[i], bend[i]) - weight
+            a[i] = pin.rnea(self.model, data, place[i], zero, speed[i]) - weight
+            b[i] = pin.rnea(self.model, data, place[i], speed[i], curvature[i]) - weight
         return a @ self.commanded, b @ self.commanded, self.held[start : end + 1], self.limits

@@ -194,11 +194,11 @@ def test_every_arm_keeps_clear_of_itself_in_an_ordinary_posture(name: str) -> No
 
 
 def test_a_capsule_from_flange_to_tip_stands_for_a_tool_without_a_mesh():
-    from compplan.planning.posture.collision_scene import STAND_IN_RADIUS, stand_in_tool
+    from compplan.planning.posture.collision_scene import CAPSULE_RADIUS, stand_in_tool
 
     pose = np.array([[0, 0, 1.0, 0.3], [0, 1, 0, 0], [-1, 0, 0, -0.4], [0, 0, 0, 1.0]])
     capsule = stand_in_tool(ROBOT.with_tool(pose))
     corners = capsule.vertices @ np.array([0.6, 0, -0.8])
-    assert corners.min() == pytest.approx(-STAND_IN_RADIUS, abs=1e-9)
-    assert corners.max() == pytest.approx(0.5 + STAND_IN_RADIUS, abs=1e-9)
+    assert corners.min() == pytest.approx(-CAPSULE_RADIUS, abs=1e-9)
+    assert corners.max() == pytest.approx(0.5 + CAPSULE_RADIUS, abs=1e-9)
     assert stand_in_tool(ROBOT.with_tool(np.eye(4))) is None

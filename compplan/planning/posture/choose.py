@@ -17,8 +17,8 @@ from compplan.planning.posture.costs import SINGULARITY_MARGIN, Weights, choose_
 from compplan.planning.posture.follow import find_jumps_along, turn_about_axis
 from compplan.planning.posture.lattice import (
     COLLISION,
+    EXCLUDED,
     JOINT_LIMIT,
-    NOT_WANTED,
     Lattice,
     Options,
     build_options,
@@ -134,7 +134,7 @@ def _choose_at(
     fine, chosen = coarse, line
     if (options := _refine_options(problem, coarse.options, line)) is not None:
         slots = np.arange(coarse.reason.shape[2])
-        finer = fill_lattice(problem, stations, options).refuse((slots != line.slot[:, None])[:, None], NOT_WANTED)
+        finer = fill_lattice(problem, stations, options).refuse((slots != line.slot[:, None])[:, None], EXCLUDED)
         try:
             finer, found = _search_clear(problem, finer, rungs, weights, away=keeps, partial=partial)
             fine, chosen = (coarse, line) if found.cost > line.cost else (finer, found)
@@ -165,18 +165,18 @@ def _prefer_still(problem: PostureProblem, posture_choice: PostureSummary) -> Po
     leans = np.abs(np.stack([posture_choice.spin, posture_choice.lead, posture_choice.lean])).max()
     if leans < STILL and not posture_choice.changes and not len(problem.arm.held):  # the plain posture itself
         return posture_choice
-    still = choose_plain(problem, posture_choice)
-    if still is None:
+    plain = choose_plain(problem, posture_choice)
+    if plain is None:
         return posture_choice
-    chosen, costs = posture_choice.costs, still.costs
-    asked = {"limit_distance_deg": np.degrees(settings.limit_margin), "dexterity_min": SINGULARITY_MARGIN}
-    if any(costs[name] < min(least, chosen[name]) for name, least in asked.items()):
+    chosen, costs = posture_choice.costs, plain.costs
+    required = {"limit_distance_deg": np.degrees(settings.limit_margin), "dexterity_min": SINGULARITY_MARGIN}
+    if any(costs[name] < min(least, chosen[name]) for name, least in required.items()):
         return posture_choice
     figure = FIGURES.get(settings.preset, "sensitivity_rms_mm")
     ours, theirs = chosen[figure], costs[figure]
     gained = ours < GAINS[settings.preset] * theirs
     keeps = gained or (theirs > ours and costs["joint_travel_deg"] >= chosen["joint_travel_deg"])
-    return posture_choice if keeps else still
+    return posture_choice if keeps else plain
 
 
 def least_level(lattice: Lattice, rungs: Rungs) -> float:
@@ -292,26 +292,26 @@ def trace_line(
         turns = np.lib.stride_tricks.sliding_window_view(around, len(bell), axis=0) @ (bell / bell.sum())
     spin, lead, lean = PchipInterpolator(place[stations], turns)(place).T  # without overshoot and without kinks
     between = PchipInterpolator(place[stations], line.q)(place)
-    rotation = upright = orient_tool(nominal, problem.tool_x, np.arange(len(nominal)), spin, lead, lean)
+    rotation = untwisted = orient_tool(nominal, problem.tool_x, np.arange(len(nominal)), spin, lead, lean)
     followed = solve_nearest(arm, nominal.position, rotation, between)
     lost = ~(np.abs(followed - between).max(axis=1) <= NEAR)
     if lost.any():
         followed[lost] = refine_ik(arm, between[lost], nominal.position[lost], rotation[lost])
         error = pose_error(arm.chain, followed[lost], nominal.position[lost], rotation[lost])
         lost[lost] = np.abs(error).max(axis=1) > CLOSE
-    torn = find_jumps_along(followed, nominal, most_step)
-    if problem.settings.free_spin and (lost | torn).any():
-        stretch = _whole_stretches(lost | torn, stations)
+    jumps = find_jumps_along(followed, nominal, most_step)
+    if problem.settings.free_spin and (lost | jumps).any():
+        stretch = _whole_stretches(lost | jumps, stations)
         wanted = nominal.position[stretch], rotation[stretch]
         followed[stretch], reached = reach_tip_and_axis(arm, between[stretch], *wanted)
         lost[stretch] = ~reached
-        torn = find_jumps_along(followed, nominal, most_step)
+        jumps = find_jumps_along(followed, nominal, most_step)
         rotation = np.array(rotation)
         rotation[stretch] = locate_frames(arm.chain, followed[stretch]).tcp_rotation
-        turned = np.swapaxes(upright[stretch], 1, 2) @ rotation[stretch]
+        turned = np.swapaxes(untwisted[stretch], 1, 2) @ rotation[stretch]
         spin[stretch] -= np.arctan2(turned[:, 1, 0], turned[:, 0, 0])
     outside = ((followed < arm.robot.lower) | (followed > arm.robot.upper)).any(axis=1)
-    return PostureTrace(followed, rotation, spin, lead, lean, lost | outside | torn)
+    return PostureTrace(followed, rotation, spin, lead, lean, lost | outside | jumps)
 
 
 def _whole_stretches(marked: NDArray[np.bool_], stations: NDArray[np.int_]) -> NDArray[np.int_]:

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 #: Distance below which arm and tool count as touching the arm. [m]
 TOUCH = 1e-3
 #: Radius of the capsule used for a tool without a mesh (assumed). [m]
-STAND_IN_RADIUS = 0.025
+CAPSULE_RADIUS = 0.025
 #: Share of random postures with contact from which a pair of shapes of the arm is left out: the shapes overlap.
 DRAWN_TOUCHING = 0.7
 #: Distances beyond this are not computed. [m]
@@ -169,7 +169,7 @@ def read_scene(job: Job, robot: Robot) -> CollisionScene | None:
         if capsule is not None:
             meshes["tool"] = capsule
             notes.append(
-                f"No mesh of the tool is given: a capsule of {2e3 * STAND_IN_RADIUS:.0f} mm diameter (assumed) from "
+                f"No mesh of the tool is given: a capsule of {2e3 * CAPSULE_RADIUS:.0f} mm diameter (assumed) from "
                 "the flange to the tool's tip is used for the clearance."
             )
     scene = build_scene(
@@ -212,7 +212,7 @@ def stand_in_tool(robot: Robot) -> Any:
         return None
     place = trimesh.geometry.align_vectors([0.0, 0.0, 1.0], tip / length)
     place[:3, 3] = 0.5 * tip
-    return trimesh.creation.capsule(height=length, radius=STAND_IN_RADIUS, count=[12, 12]).apply_transform(place)
+    return trimesh.creation.capsule(height=length, radius=CAPSULE_RADIUS, count=[12, 12]).apply_transform(place)
 
 
 def _list_pairs(solids: Sequence[Solid], roles: Sequence[str]) -> tuple[NDArray[np.int_], NDArray[np.int_]]:

@@ -22,14 +22,14 @@ from compplan.toolpath.contact import path_axes, tool_axes
 from compplan.toolpath.toolpath import Toolpath, pick_even
 
 #: State of a node: usable, or the reason of its exclusion.
-USABLE, OUT_OF_REACH, JOINT_LIMIT, SINGULAR, COLLISION, NOT_WANTED = range(6)
+USABLE, OUT_OF_REACH, JOINT_LIMIT, SINGULAR, COLLISION, EXCLUDED = range(6)
 #: Coarse step of the spin where an extra axis or tilts vary too, and where several axes do. [rad]
 FEW_SPINS, FEWER_SPINS = float(np.radians(10.0)), float(np.radians(20.0))
 #: Rotation of the tool axis about the joint next to the part from which that joint follows it [rad], positions of the
 #: joint about it, and sine of the angle between both axes above which the rotation is well defined.
 FOLLOWED, SIDES, ACROSS = float(np.radians(45.0)), 8, float(np.sin(np.radians(20.0)))
 #: Distance of a rail's arm from the middle of a path at which the rail is held, as a share of the arm's reach.
-BESIDE = 0.6
+RAIL_DISTANCE = 0.6
 REASONS = ("usable", "out of reach", "joint limit", "singular", "collision", "configuration not wanted")
 
 
@@ -105,10 +105,10 @@ def follow_axis(arm: Arm, nominal: Toolpath) -> Array | None:
     first = np.cross(turn, np.eye(3)[np.abs(turn).argmin()])
     first /= np.linalg.norm(first)
     x, y = nominal.axis @ first, nominal.axis @ np.cross(turn, first)
-    sure = np.flatnonzero(np.hypot(x, y) > ACROSS)
-    if not len(sure):
+    defined = np.flatnonzero(np.hypot(x, y) > ACROSS)
+    if not len(defined):
         return None
-    angle = np.interp(np.arange(len(nominal)), sure, np.unwrap(np.arctan2(y[sure], x[sure])))
+    angle = np.interp(np.arange(len(nominal)), defined, np.unwrap(np.arctan2(y[defined], x[defined])))
     if np.ptp(angle) < FOLLOWED:
         return None
     return np.asarray(middle_of_limits(robot)[joint] + 0.5 * (angle.max() + angle.min()) - angle)
@@ -144,12 +144,12 @@ def build_options(problem: PostureProblem, stations: NDArray[np.int_]) -> Option
     cone = [limit if limit > 0 else 1.0 for limit in (settings.lead, settings.lean)]  # elliptic
     tilts = np.array([tilt for tilt in product(*leans) if np.sum((np.array(tilt) / cone) ** 2) <= 1.0 + 1e-9])
     s, h, t = (axis.ravel() for axis in np.meshgrid(*(np.arange(len(v)) for v in (spins, held, tilts)), indexing="ij"))
-    standing = held[h][None]
+    positions = held[h][None]
     if follow is not None:
-        standing = standing + np.where(arm.held == followed, follow[stations, None, None], 0.0)
+        positions = positions + np.where(arm.held == followed, follow[stations, None, None], 0.0)
     return Options(
         spin=spins[s][None],
-        held=standing,
+        held=positions,
         lead=tilts[t, 0][None],
         lean=tilts[t, 1][None],
         neighbours=_neighbours((len(spins), len(held), len(tilts)), [len(r) for r in ranges], tilts),
@@ -175,7 +175,7 @@ def _hold_axes(problem: PostureProblem) -> Array:
             grid[:, j] = np.linspace(arm.robot.lower[j], arm.robot.upper[j], 61)
             origin = locate_frames(arm.chain, grid).origin[:, arm.chain.joint_elements[arm.arm[0]]]
             away = np.linalg.norm((origin - problem.nominal.position.mean(axis=0))[:, :2], axis=1)
-            rest = grid[np.abs(away - BESIDE * stretch_arm(arm)).argmin()]
+            rest = grid[np.abs(away - RAIL_DISTANCE * stretch_arm(arm)).argmin()]
     return rest
 
 
@@ -230,7 +230,7 @@ def fill_lattice(
     reason[reached & ~inside] = JOINT_LIMIT
     words = settings.configuration.items()
     wanted = np.array([all(slot[key] == word for key, word in words) for slot in CONFIGURATIONS])
-    reason[(reason == USABLE) & ~wanted[: q.shape[2]]] = NOT_WANTED
+    reason[(reason == USABLE) & ~wanted[: q.shape[2]]] = EXCLUDED
     values = {name: np.full(reached.shape, np.nan) for name in ("sensitivity", "limits", "dexterity")}
     rows = np.nonzero(reason == USABLE)
     nodes = measure_nodes(

@@ -40,7 +40,7 @@ FOUR_JOINTS = (
     " load stays (tilt_after_deg in plan.json) and displaces points of the tool above the tip."
 )
 #: Waypoints tried without joint limits if none is reached within them.
-LOOKED_AT = 20
+TRIED_WAYPOINTS = 20
 #: Greatest difference of joint origins [m] and axes [rad] between two folders of one machine (assumed: a measured
 #: geometry differs by millimetres).
 SAME_PLACE, SAME_AXIS = 0.05, 0.1
@@ -53,8 +53,8 @@ def find_start(robot: Robot, nominal: Toolpath, tool_x: Array, settings: Posture
         InputError: If the job's start is outside the joint limits, or no waypoint is reached.
     """
     check_start(robot, settings.start)
-    asked = settings if settings.search else settings.keep_plain()
-    problem = PostureProblem(robot, nominal, np.asarray(tool_x, float), asked)
+    required = settings if settings.search else settings.keep_plain()
+    problem = PostureProblem(robot, nominal, np.asarray(tool_x, float), required)
     if robot.nq < 6:
         return _follow_few_joints(problem)
     stated = settings.start is not None and not robot.prismatic[: robot.nq - 6].all()  # an arm of seven joints
@@ -96,8 +96,8 @@ def _follow_start(problem: PostureProblem) -> Start | None:
     """Follow the path from the job's start; None if it does not reach every waypoint."""
     if problem.settings.start is None or problem.settings.scene is not None:
         return None
-    told = "The motion goes on from the job's start, every waypoint by the least motion of the joints."
-    followed = _follow(problem, problem.settings.start, (told,))
+    note = "The motion goes on from the job's start, every waypoint by the least motion of the joints."
+    followed = _follow(problem, problem.settings.start, (note,))
     return None if followed.missed.any() else followed
 
 
@@ -189,7 +189,7 @@ def _start_nearest(problem: PostureProblem) -> Start:
         InputError: If it is out of reach without joint limits too, or the job requires a configuration.
     """
     nominal, arm = problem.nominal, problem.arm
-    rotation, some = tool_axes(nominal, problem.tool_x), pick_even(np.arange(len(nominal)), LOOKED_AT)
+    rotation, some = tool_axes(nominal, problem.tool_x), pick_even(np.arange(len(nominal)), TRIED_WAYPOINTS)
     beyond = solve_branches(arm, nominal.position[some], rotation[some])
     if problem.settings.configuration or not np.isfinite(beyond).any():
         raise InputError(_explain_reach(problem))
@@ -280,8 +280,8 @@ def find_kept_start(
     if len(lost):
         anew = find_start(robot, nominal, tool_x, settings)
         if anew.missed.sum() < kept.missed.sum():
-            told = f"The posture of {source} cannot be kept, it does not reach waypoint {lost[0]} with {robot.name!r}."
-            return replace(anew, notes=(told, *anew.notes))
+            note = f"The posture of {source} cannot be kept, it does not reach waypoint {lost[0]} with {robot.name!r}."
+            return replace(anew, notes=(note, *anew.notes))
     return replace(kept, notes=(*kept.notes, f"The posture is kept: that of {source}."))
 
 

@@ -9,14 +9,14 @@ words = "repeated mirror"
 
 MOST_PASSES = 20
 #: Deviation below which the iteration has converged. [m]
-SETTLED = 1e-9
+CONVERGED = 1e-9
 
 
 def command_path(task: PlanTask) -> Command:
     """Mirror the predicted deviation until it vanishes; return the last command if it does not."""
     q, position, rotation = task.q_start, task.position, task.rotation
     passes, deviation = 0, float("inf")
-    while deviation >= SETTLED and passes < MOST_PASSES:
+    while deviation >= CONVERGED and passes < MOST_PASSES:
         q, position, rotation, deviation = mirror_deviation(task, q, position, rotation)
         passes += 1
     return check_limits(task, q)
