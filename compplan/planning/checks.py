@@ -98,7 +98,7 @@ def state_breaches(sentences: Iterable[str], name: str) -> tuple[Check, ...]:
 class CheckRobot:
     """Robot of the independent check."""
 
-    cell: SimulatedRobot  #: Robot as modelled.
+    simulated: SimulatedRobot  #: Robot as modelled.
     bias: Array | None = None  #: Load of inertia on each spring, or None. Shape (n, s). [N m or N]
     #: Robot from the folder, with all masses and without weight; None for robots and paths in memory, with fewer
     #: checks.
@@ -111,13 +111,13 @@ def build_check_robot(task: PlanTask, timing: Timing, job: Job | None) -> CheckR
         bias = _load_springs(task, build_dynamics(task.robot).inertial, timing.time) if task.inertia else None
         return CheckRobot(find_part(task, build_simulated_robot(task.robot)), bias)
     tool, folder = job.model_dump(by_alias=True, exclude_unset=True).get("tool"), Path(task.robot.folder)
-    cell = SimulatedRobot(AS_MODELLED, task.robot, read_exact_robot(folder, tool))
+    simulated = SimulatedRobot(AS_MODELLED, task.robot, read_exact_robot(folder, tool))
     moving = read_exact_robot(folder, tool, moving=True)
     if task.touched is not None:
         believed = read_exact_robot(folder, tool, geometry="controller.urdf")
-        cell = with_touched_part(cell, task.touched.q, solve_rigid(believed, task.touched.q)[0])
+        simulated = with_touched_part(simulated, task.touched.q, solve_rigid(believed, task.touched.q)[0])
     bias = _load_springs(task, moving, timing.time) if task.inertia else None
-    return CheckRobot(cell, bias, moving)
+    return CheckRobot(simulated, bias, moving)
 
 
 def _load_springs(task: PlanTask, moving: ExactRobot, time: Array) -> Array:
@@ -127,20 +127,20 @@ def _load_springs(task: PlanTask, moving: ExactRobot, time: Array) -> Array:
 
 
 def run_checks(
-    task: PlanTask, command: Command, timing: Timing, between: Between, after: Evaluation, bench: CheckRobot, *,
+    task: PlanTask, command: Command, timing: Timing, between: Between, after: Evaluation, check_robot: CheckRobot, *,
     job: Job | None = None, motion: Motion | None = None, executed: ExecutedPath | None = None,
 ) -> tuple[Check, ...]:  # fmt: skip
     """Check a command and its run; checks against files are left out without a job, or with a robot in memory."""
     q, time = command.q, timing.time
-    position, rotation = solve_rigid(bench.cell.exact_robot, q)
+    position, rotation = solve_rigid(check_robot.simulated.exact_robot, q)
     checks = [
-        _check_tip(task, after), _check_models(task, q, after), *_check_between(task, q, between, bench),
+        _check_tip(task, after), _check_models(task, q, after), *_check_between(task, q, between, check_robot),
         _check_correction(task, position), *([] if executed is None else [_check_executed(task, executed)]),
         _check_holes(task), *_check_joints(task, q, time),
     ]  # fmt: skip
-    if bench.moving is not None and job is not None:
+    if check_robot.moving is not None and job is not None:
         checks += [_check_axis(task, after, rotation), _check_spin(task, q, after, rotation, job),
-                   _check_feed(task, time), _check_inertia(task, time, motion, bench.moving)]  # fmt: skip
+                   _check_feed(task, time), _check_inertia(task, time, motion, check_robot.moving)]  # fmt: skip
     return tuple(checks)
 
 
@@ -166,9 +166,9 @@ def _check_models(task: PlanTask, q: Array, after: Evaluation) -> Check:
     return Check("planner and independent check apart, m", apart, AGREED + AGREED_SHARE * task.tolerance, sentence)
 
 
-def _check_between(task: PlanTask, q: Array, between: Between, bench: CheckRobot) -> tuple[Check, ...]:
+def _check_between(task: PlanTask, q: Array, between: Between, check_robot: CheckRobot) -> tuple[Check, ...]:
     """Check that the loaded tip is within the tolerance between waypoints."""
-    found, move = evaluate_between(task, q, between, bench)
+    found, move = evaluate_between(task, q, between, check_robot)
     sentence = f"the independent check finds the loaded tip {state_mm(found)} off the path after waypoint {move}"
     own = between.most / task.tolerance
     worst = int(own.argmax())
@@ -299,7 +299,7 @@ def _check_inertia(task: PlanTask, time: Array, motion: Motion | None, moving: E
     return Check("displacement by inertia apart, m", abs(most - own), limit, sentence)
 
 
-def evaluate_between(task: PlanTask, q: Array, between: Between, bench: CheckRobot) -> tuple[float, int]:
+def evaluate_between(task: PlanTask, q: Array, between: Between, check_robot: CheckRobot) -> tuple[float, int]:
     """Compute the loaded tip halfway between waypoints, at the mean of joint positions and wrench.
 
     Returns the greatest distance from the moves [m], and the waypoint where that move starts.
@@ -309,39 +309,39 @@ def evaluate_between(task: PlanTask, q: Array, between: Between, bench: CheckRob
     if not len(moves):
         return 0.0, -1
     half = [0.5 * (values[moves] + values[moves + 1]) for values in (q, task.wrench)]
-    bias = None if bench.bias is None else 0.5 * (bench.bias[moves] + bench.bias[moves + 1])
+    bias = None if check_robot.bias is None else 0.5 * (check_robot.bias[moves] + check_robot.bias[moves + 1])
     if task.robot.effects:  # effects need the complete path in order
         path, load = insert_between(q, half[0], moves, 0.5), insert_between(task.wrench, half[1], moves, 0.5)
-        more = None if bench.bias is None or bias is None else insert_between(bench.bias, bias, moves, 0.5)
-        tip = run_simulated_robot(bench.cell, path, load, divide_times(task.step_time, 0.5), more).position[
+        more = None if check_robot.bias is None or bias is None else insert_between(check_robot.bias, bias, moves, 0.5)
+        tip = run_simulated_robot(check_robot.simulated, path, load, divide_times(task.step_time, 0.5), more).position[
             2 * moves + 1
         ]
     else:
-        tip = run_simulated_robot(bench.cell, half[0], half[1], bias=bias).position
+        tip = run_simulated_robot(check_robot.simulated, half[0], half[1], bias=bias).position
     path = task.programmed
     distance = distance_to_moves(tip, path[moves], path[moves + 1])
     worst_of = int(distance.argmax())
     return float(distance[worst_of]), int(moves[worst_of])
 
 
-def find_failures(task: PlanTask, command: Command, bench: CheckRobot, near: Mapping[int, str]) -> dict[int, str]:
+def find_failures(task: PlanTask, command: Command, check_robot: CheckRobot, near: Mapping[int, str]) -> dict[int, str]:
     """Find the failed waypoints of a command and their limits; `near`: violations of the clearance, in words."""
     lost = task.missed | np.r_[False, task.missed[:-1]]  # jumps to and from waypoints out of reach are ignored
     jumps = {waypoint: limit for waypoint, limit in find_jumps(task, command.q).items() if not lost[waypoint]}
-    stopped = {**jumps, **find_overloads(task, command.q, bench), **near}
+    stopped = {**jumps, **find_overloads(task, command.q, check_robot), **near}
     for waypoint, limit in command.failures.items():
         stopped[waypoint] = f"{stopped[waypoint]}, {limit}" if waypoint in stopped else limit
     return stopped
 
 
-def find_overloads(task: PlanTask, q: Array, bench: CheckRobot) -> dict[int, str]:
+def find_overloads(task: PlanTask, q: Array, check_robot: CheckRobot) -> dict[int, str]:
     """Find the waypoints with a static load beyond the effort limit of a joint, by joint name."""
     efforts = np.where(task.robot.carriers, np.inf, task.robot.effort_limits)  # the load of a positioner is unknown
     if not np.isfinite(efforts).any():
         return {}
     rows = np.flatnonzero(task.compensated)
     rows = pick_worst(rows, np.linalg.norm(task.wrench[rows, :3], axis=1), MOST_CHECKED)
-    share = np.abs(hold_load(bench.cell.exact_robot, q[rows], task.wrench[rows])) / np.maximum(efforts, 1e-9)
+    share = np.abs(hold_load(check_robot.simulated.exact_robot, q[rows], task.wrench[rows])) / np.maximum(efforts, 1e-9)
     found = {}
     for k in np.flatnonzero((share > ROUNDING).any(axis=1)).tolist():
         waypoint, j = int(rows[k]), int(share[k].argmax())

@@ -242,9 +242,9 @@ def _missing_pieces(found: Compensation) -> NDArray[np.int_]:
     attained = attain_rows(task, q, np.arange(len(task)), slope=False).position
     off = np.linalg.norm(attained - task.position, axis=1)
     ends = np.maximum(off[:-1], off[1:])
-    stray, crosses = np.maximum(ways.most - ends, 0.0), find_crossings(found.command.q, q)
-    stray[crosses] = np.maximum(stray, found.between.most)[crosses]
-    pieces = required_pieces(stray, task.chord)
+    deviation, crosses = np.maximum(ways.most - ends, 0.0), find_crossings(found.command.q, q)
+    deviation[crosses] = np.maximum(deviation, found.between.most)[crosses]
+    pieces = required_pieces(deviation, task.chord)
     crossing = np.pad(np.where(crosses, pieces, 1), NEIGHBOURS, constant_values=1)
     pieces = np.maximum(pieces, np.lib.stride_tricks.sliding_window_view(crossing, 2 * NEIGHBOURS + 1).max(axis=1))
     pieces[(task.nominal.steps < 1e-6) | task.nominal.rapid[1:] | task.lead[1:]] = 1

@@ -143,15 +143,15 @@ def plan_task(
     task = replace(found.task, links=follow_links(found.task, command.q))
     progress("virtual cell")
     clearance, near = check_clearance(task.start, command.q)
-    bench = build_check_robot(task, timing, job)
-    if failures := find_failures(task, command, bench, near):
+    checker = build_check_robot(task, timing, job)
+    if failures := find_failures(task, command, checker, near):
         command = replace(command, status="infeasible", failures=failures)
-    after = evaluate_run(task, command.q, bench.cell, bias=bench.bias)
+    after = evaluate_run(task, command.q, checker.simulated, bias=checker.bias)
     uncorrected = task.q_uncorrected
     before = after if command.q is uncorrected else evaluate_model(task, uncorrected)
     progress("checks, approach and retract")
     motion = measure_motion(task, timing.time, build_dynamics(task.robot))
-    checks = run_checks(task, command, timing, found.between, after, bench, job=job, motion=motion, executed=executed)
+    checks = run_checks(task, command, timing, found.between, after, checker, job=job, motion=motion, executed=executed)
     notes = state_notes([*(task.start.notes if task.start else ()), *found.notes])
     notes += list_notes(task, command, timing, motion, job)
     return Plan(

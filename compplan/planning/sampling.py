@@ -111,9 +111,9 @@ def _attain(
     return task.to_part_frame(tip if bias is None else tip + loaded)
 
 
-def required_pieces(stray: Array, chord: float) -> NDArray[np.int_]:
+def required_pieces(deviation: Array, chord: float) -> NDArray[np.int_]:
     """Return the number of pieces of each move with a deviation (n - 1,) [m] for a deviation within `chord` [m]."""
-    excess = stray / max(chord, 1e-12)
+    excess = deviation / max(chord, 1e-12)
     return np.where(excess > 1.0, np.ceil(np.sqrt(1.2 * excess)), 1.0).astype(int)
 
 
@@ -200,8 +200,8 @@ def prepare_sampling(task: PlanTask, *, rest_at_corners: bool) -> PlanTask:
     contacts = contacts[sudden & (np.abs(task.wrench[contacts + 1]).max(axis=1) > 0)]
     leaves = leaves[abrupt & (np.abs(task.wrench[leaves]).max(axis=1) > 0)]
     if len(contacts) + len(leaves):
-        stays = np.repeat(np.r_[contacts, leaves], LEAD_ROWS)
-        places = np.sort(np.r_[np.arange(len(task)), stays]).astype(float)
+        leads = np.repeat(np.r_[contacts, leaves], LEAD_ROWS)
+        places = np.sort(np.r_[np.arange(len(task)), leads]).astype(float)
         task = divide_task(task, places, np.r_[False, np.diff(places) == 0])
     rests = np.zeros(len(task), bool)
     rests[:-1] = (task.lead[:-1] & ~task.lead[1:]) | task.leaving[1:] & ~task.lead[:-1]

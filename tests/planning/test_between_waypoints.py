@@ -121,14 +121,14 @@ def test_milling_above_the_stock_and_straight_down_carries_no_lateral_force(tmp_
 
 def test_a_check_of_moves_names_the_waypoint_after_which_either_way_strays(tmp_path):
     plan = cp.plan_job(three_points(tmp_path, CONSTANT))
-    bench = build_check_robot(plan.task, plan.timing, None)
+    checker = build_check_robot(plan.task, plan.timing, None)
     move = int(np.flatnonzero(plan.task.cut)[3])
 
     def say(way):
         far = np.zeros(len(plan.task) - 1)
         far[move] = 2.0 * plan.task.tolerance
         between = plan.between._replace(**{way: far})
-        given = plan.task, plan.command, plan.timing, between, plan.after, bench
+        given = plan.task, plan.command, plan.timing, between, plan.after, checker
         return [check.sentence for check in run_checks(*given) if check.fails and "strays" in check.sentence]
 
     for way in ("joint", "cartesian"):

@@ -292,7 +292,7 @@ def trace_line(
         turns = np.lib.stride_tricks.sliding_window_view(around, len(bell), axis=0) @ (bell / bell.sum())
     spin, lead, lean = PchipInterpolator(place[stations], turns)(place).T  # without overshoot and without kinks
     between = PchipInterpolator(place[stations], line.q)(place)
-    rotation = untwisted = orient_tool(nominal, problem.tool_x, np.arange(len(nominal)), spin, lead, lean)
+    rotation = initial = orient_tool(nominal, problem.tool_x, np.arange(len(nominal)), spin, lead, lean)
     followed = solve_nearest(arm, nominal.position, rotation, between)
     lost = ~(np.abs(followed - between).max(axis=1) <= NEAR)
     if lost.any():
@@ -308,7 +308,7 @@ def trace_line(
         jumps = find_jumps_along(followed, nominal, most_step)
         rotation = np.array(rotation)
         rotation[stretch] = locate_frames(arm.chain, followed[stretch]).tcp_rotation
-        turned = np.swapaxes(untwisted[stretch], 1, 2) @ rotation[stretch]
+        turned = np.swapaxes(initial[stretch], 1, 2) @ rotation[stretch]
         spin[stretch] -= np.arctan2(turned[:, 1, 0], turned[:, 0, 0])
     outside = ((followed < arm.robot.lower) | (followed > arm.robot.upper)).any(axis=1)
     return PostureTrace(followed, rotation, spin, lead, lean, lost | outside | jumps)

@@ -47,9 +47,9 @@ def follow_path(
 
 def find_jumps_along(q: Array, nominal: Toolpath, most_step: float) -> NDArray[np.bool_]:
     """Return which waypoints of a cut require a jump of a joint."""
-    torn = np.zeros(len(q), bool)
-    torn[1:] = np.abs(np.diff(q, axis=0)).max(axis=1) > most_step
-    return torn & ~nominal.rapid
+    jumps = np.zeros(len(q), bool)
+    jumps[1:] = np.abs(np.diff(q, axis=0)).max(axis=1) > most_step
+    return jumps & ~nominal.rapid
 
 
 def _search_start(arm: Arm, position: Array, rotation: Array, *, spin_free: bool) -> Array | None:

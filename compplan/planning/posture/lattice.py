@@ -197,8 +197,8 @@ def orient_tool(
     """
     shape = np.broadcast_shapes(spin.shape, lead.shape, lean.shape)
     turn, count = np.broadcast_to(spin, shape).ravel(), int(np.prod(shape[1:]))
-    upright = np.repeat(tool_axes(nominal, tool_x)[rows], count, axis=0)
-    rotation = upright @ Rotation.from_rotvec(turn[:, None] * np.array([0.0, 0.0, -1.0])).as_matrix()
+    zero_spin = np.repeat(tool_axes(nominal, tool_x)[rows], count, axis=0)
+    rotation = zero_spin @ Rotation.from_rotvec(turn[:, None] * np.array([0.0, 0.0, -1.0])).as_matrix()
     if np.any(lead) or np.any(lean):
         angles = np.stack([-np.broadcast_to(lean, shape).ravel(), np.broadcast_to(lead, shape).ravel()], axis=1)
         local = np.repeat(path_axes(nominal)[rows], count, axis=0)
