@@ -57,8 +57,8 @@ def compute_depth_limit(
     grid = np.linspace(0.0, last, int(np.clip(last * period, EVEN, 20 * EVEN)))
     at = np.unique(np.clip(np.concatenate([grid, near.ravel()]), 0.0, last))
     peak = omega**2 - at[:, None] ** 2 + 2j * damping * omega * at[:, None]
-    answer = np.einsum("im,wm,jm->wij", shape, 1.0 / peak, shape)
-    loop = (1.0 - np.exp(-1j * at * period))[:, None, None] * (answer @ mean)
+    receptance = np.einsum("im,wm,jm->wij", shape, 1.0 / peak, shape)
+    loop = (1.0 - np.exp(-1j * at * period))[:, None, None] * (receptance @ mean)
     trace = np.einsum("wii->w", loop)
     square = 0.5 * (trace**2 - np.einsum("wij,wji->w", loop, loop))
     b = np.asarray(scales, float)[:, None]

@@ -41,7 +41,7 @@ FIGURES = {"smooth": "joint_travel_deg", "fast": "time_s"}
 #: Most searches because of collisions, and most rounds with additional stations.
 COLLISION_ROUNDS, STATION_ROUNDS = 25, 4
 #: Spin and tilts below which the tool orientation is that of the job. [rad]
-STILL = 1e-9
+SAME_ORIENTATION = 1e-9
 #: Most stations times options of the graph, with at least 50 stations.
 NODE_BUDGET = 17_500
 #: Greatest joint distance between a waypoint of the same configuration and the interpolation of its stations. [rad]
@@ -60,7 +60,7 @@ def choose_posture_path(problem: PostureProblem) -> PostureSummary:
     Raises:
         InfeasibleError: If no posture path exists; with the waypoints and the violated limit.
     """
-    return _prefer_still(problem, _choose_line(problem))
+    return _prefer_plain(problem, _choose_line(problem))
 
 
 def choose_partial(problem: PostureProblem) -> PostureSummary | None:
@@ -153,7 +153,7 @@ def _choose_at(
     return posture_choice, np.flatnonzero(bad)
 
 
-def _prefer_still(problem: PostureProblem, posture_choice: PostureSummary) -> PostureSummary:
+def _prefer_plain(problem: PostureProblem, posture_choice: PostureSummary) -> PostureSummary:
     """Prefer one configuration and the job's tool orientation, unless the choice is better by the figure of the preset.
 
     Both finished postures are compared. The plain one must keep the required distance from joint limits and
@@ -163,7 +163,7 @@ def _prefer_still(problem: PostureProblem, posture_choice: PostureSummary) -> Po
     if not settings.search:
         return posture_choice
     leans = np.abs(np.stack([posture_choice.spin, posture_choice.lead, posture_choice.lean])).max()
-    if leans < STILL and not posture_choice.changes and not len(problem.arm.held):  # the plain posture itself
+    if leans < SAME_ORIENTATION and not posture_choice.changes and not len(problem.arm.held):  # the plain one itself
         return posture_choice
     plain = choose_plain(problem, posture_choice)
     if plain is None:

@@ -369,9 +369,9 @@ def _bounds(solids: Sequence[Solid], pairs: NDArray[np.int_], frames: dict[str, 
     for k, (a, b) in enumerate(pairs):
         first, second = solids[a], solids[b]
         gap = np.linalg.norm(centre[a] - centre[b], axis=1) - first.radius - second.radius
-        for still, moving in ((second, a), (first, b)):
-            if not still.link:
-                outside = np.maximum(still.box[0] - centre[moving], centre[moving] - still.box[1])
+        for fixed, moving in ((second, a), (first, b)):
+            if not fixed.link:
+                outside = np.maximum(fixed.box[0] - centre[moving], centre[moving] - fixed.box[1])
                 away = np.linalg.norm(np.maximum(outside, 0), axis=1)
                 gap = np.maximum(gap, away - solids[moving].radius)
         bound[:, k] = gap

@@ -53,15 +53,15 @@ def prepare_commands(task: PlanTask, strategies: Sequence[str] | None = None) ->
         UnknownNameError: If a strategy does not exist.
         InputError: If a strategy is not applicable to the robot.
     """
-    answers = {}
+    commands = {}
     for name in list_strategies() if strategies is None else strategies:
         if name in ONLINE:
-            answers[name] = ONLINE[name].prepare(task)
+            commands[name] = ONLINE[name].prepare(task)
         elif name in STRATEGIES:
-            answers[name] = OnlineCommand(name, command_path(task, name).q)
+            commands[name] = OnlineCommand(name, command_path(task, name).q)
         else:
             raise UnknownNameError("strategy", name, list(list_strategies()))
-    return answers
+    return commands
 
 
 @dataclass(frozen=True)
@@ -91,8 +91,8 @@ class OnlineCommand:
 
 def correct_online(gain: Array, reading: Array) -> Array:
     """Compute the command change (nq, b, n) [rad or m] for b samples: gain (nq, k, n) times reading (k, b, n)."""
-    answer = np.zeros((len(gain), *reading.shape[1:]))
-    for row, rates in zip(answer, gain, strict=True):
+    change = np.zeros((len(gain), *reading.shape[1:]))
+    for row, rates in zip(change, gain, strict=True):
         for rate, part in zip(rates, reading, strict=True):
             row += rate * part
-    return answer
+    return change
