@@ -71,12 +71,12 @@ class Candidates:
 
     @property
     def start(self) -> Array:
-        """Joint positions at the start of each approach. Shape (m, nq). [rad or m]"""
+        """Return the joint positions at the start of each approach. Shape (m, nq). [rad or m]"""
         return self.log.q[::2]
 
     @property
     def q(self) -> Array:
-        """Joint positions. Shape (m, nq). [rad or m]"""
+        """Return the joint positions of the poses. Shape (m, nq). [rad or m]"""
         return self.log.q[1::2]
 
     @property
@@ -86,12 +86,12 @@ class Candidates:
 
     @property
     def wrench(self) -> Array:
-        """Load at the TCP, base axes. Shape (m, 6). [N, N m]"""
+        """Return the load at the TCP, base axes. Shape (m, 6). [N, N m]"""
         return self.log.wrench[1::2]
 
     @property
     def weight(self) -> Array:
-        """Mass that hangs at the tool; pulls are horizontal and do not count. Shape (m,). [kg]"""
+        """Return the mass that hangs at the tool; pulls are horizontal and do not count. Shape (m,). [kg]"""
         return np.asarray(self.wrench[:, 2] / -STANDARD_GRAVITY)
 
     def take(self, rows: NDArray[np.int_]) -> Candidates:
@@ -155,7 +155,7 @@ def find_touching(
     robot: Robot, postures: Array, middle: Array, lowest: float, instrument: str, places: int, length: float,
     scene: CollisionScene | None,
 ) -> tuple[Array, Observations]:  # fmt: skip
-    """Find postures with the tip at an instrument. Returns them, (k, nq) [rad or m], and their observations.
+    """Find postures with the tip at an instrument, (k, nq) [rad or m]; also return their observations.
 
     postures: reachable ones, (m, nq); middle: centre of the path, (3,) [m]; lowest: least height of the path over the
     base plane [m]; instrument: "sockets" or "gauge"; places: their number; length: distance of two sockets of a plate,

@@ -51,7 +51,7 @@ class Design:
 
     @cached_property
     def start(self) -> Array:
-        """Covariance before the first measurement. Shape (p + f, p + f)."""
+        """Return the covariance before the first measurement. Shape (p + f, p + f)."""
         p = len(self.known.factor)
         loose = np.zeros(0)
         if "base" in self.frames:
@@ -66,13 +66,13 @@ class Design:
 
     @cached_property
     def target(self) -> Array:
-        """Slopes along the path, with zeros for frames: they do not move the tip. Shape (3 k, p + f)."""
+        """Return the slopes along the path, zero for frames, which do not move the tip. Shape (3 k, p + f)."""
         k, _, p = self.path.model.shape
         return np.concatenate([self.path.model.reshape(3 * k, p), np.zeros((3 * k, len(self.start) - p))], axis=1)
 
     @property
     def noise(self) -> float:
-        """Variance of one measurement per axis. [m^2]."""
+        """Return the variance of one measurement per axis. [m^2]."""
         return pose_variance(self.known, self.sigma)
 
     def rows(self, slopes: Array, tip: Array, rotation: Array, sights: Observations | None = None) -> Array:
@@ -87,7 +87,7 @@ class Design:
 
     @cached_property
     def beside(self) -> Array:
-        """Covariance of the tip due to unexplained errors, repeatability and force. Shape (k, 3, 3). [m^2]."""
+        """Return the covariance of the tip by unexplained errors, repeatability, force. Shape (k, 3, 3). [m^2]."""
         parts = split_covariance(self.path, self.known)
         return parts["unexplained"] + parts["repeatability"] + parts["force"]
 

@@ -6,9 +6,9 @@ The deviation of a point at length s of the path is, to first order,
     p ~ N(0, S), f ~ N(0, 1), r ~ GP(0, a^2 s_u^2 / 3), g ~ N(0, 1), o ~ N(0, s_r^2)
 
 with parameters p, force f, a spatially smooth residual r, and terms that the next part does not repeat: part-specific
-force and clamping g, and the offset o of one run. The size a of the residual maximises the evidence. The next program
-subtracts the posterior mean of p, f and r. A correction is written only if cross-validation over stretches of the part
-supports it. The band of the next part includes new realisations of g and o.
+force and clamping g, and the offset o of one run. Size a and correlation length of the residual maximise the evidence.
+The next program subtracts the posterior mean of p, f and r, if cross-validation over stretches of the part supports it
+or noise alone explains the deviations. The band of the next part includes new realisations of g and o.
 
 Robot and force are nearly collinear on one path: each may stay uncertain although their sum is known well. The robot
 folder keeps their joint covariance (`LearnedForce.robot`) as the prior of the next part. The part-specific force has
