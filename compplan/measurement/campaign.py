@@ -167,7 +167,7 @@ class Campaign(Shown):
 
     @cached_property
     def visit(self) -> NDArray[np.int_]:
-        """Return the number of the visit of each row: consecutive rows with equal joints, load and target. Shape (n,).
+        """Number the visits: consecutive rows with equal joints, load, target and mode. Shape (n,).
 
         Every row of a path is a separate visit.
         """
@@ -182,9 +182,9 @@ class Campaign(Shown):
 
     @cached_property
     def stay(self) -> NDArray[np.int_]:
-        """Return the number of the stay of each row: consecutive rows with equal joints at any load. Shape (n,).
+        """Number the measured poses in time order: consecutive rows with equal joints at any load. Shape (n,).
 
-        Every row of a path is a separate stay.
+        Every row of a path counts separately.
         """
         if not len(self):
             return np.zeros(0, int)

@@ -99,7 +99,7 @@ def number_poses(campaign: Campaign, rows: NDArray[np.int_], most: int = STRETCH
     )
     stretches = int(np.clip(ABOUT // (int(pose.max()) + 1), 1, most))
     stretch = np.arange(len(rows)) * stretches // len(rows)
-    # a stay is not divided
+    # consecutive rows of a pose are in one stretch
     stay = campaign.stay[rows]
     begins = np.r_[True, np.diff(stay) > 0]
     stretch = stretch[np.maximum.accumulate(np.where(begins, np.arange(len(rows)), 0))]
