@@ -170,7 +170,7 @@ def learn_from_part(
         align: "datum": use the points as given in their frame; "best_fit": fit a rigid motion and remove it; None: as
             "datum", but raise an error if an unexpected motion of this kind dominates the deviations.
         sigma: Standard deviation of points whose file states none; assumed if left out. [m]
-        sure: Accept implausible points without a question.
+        sure: Accept implausible points without an error.
         surface: The nominal surface of the part in the frame of the points, or None.
         announce: Called with the name of each step.
 
