@@ -167,7 +167,7 @@ def residual_file(robot: Robot, job: Job) -> Path | None:
 
 
 def read_residual(file: Path | None, robot: Robot) -> Residual | None:
-    """Read the residual of a path; None if there is no such file.
+    """Read the residual of a path; None if the file does not exist.
 
     Raises:
         InputError: If the file is not a residual table.

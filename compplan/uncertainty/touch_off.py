@@ -49,8 +49,8 @@ class TouchedPart:
     robot: Robot  #: Robot model of the touch-off.
     q: Array  #: Joint positions at the touched points. Shape (k, nq). [rad or m]
     shown: Array  #: The touched points in the found frame, base axes. Shape (k, 3). [m]
-    #: D, from the found frame to the actual frame by the robot model; None if the model has neither compliance nor
-    #: effects. Shape (4, 4). [m]
+    #: D, from the found frame to the actual frame by the robot model; None if neither gravity, effects nor the geometry
+    #: in the controller displace the arm. Shape (4, 4). [m]
     displacement: Array | None
 
     def spread_part(self, position: Array) -> Array:
