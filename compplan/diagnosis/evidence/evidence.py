@@ -245,17 +245,17 @@ def _hyperprior(
     half-Cauchy, and the classes of one robot resemble each other (assumed: an error as large as the noise and a
     background as large as its class's scale are common).
     """
-    witnesses = np.array([ch.witnesses for ch in channels])
+    degrees_of_freedom = np.array([ch.degrees_of_freedom for ch in channels])
     factor = np.exp(-hyper.log_noise)
     shared2, tau2 = np.exp(2 * hyper.log_shared), np.exp(2 * hyper.log_tau)
-    value = -0.5 * np.sum(witnesses * (hyper.log_noise + factor - 1.0)) - np.sum(np.log1p(shared2))
+    value = -0.5 * np.sum(degrees_of_freedom * (hyper.log_noise + factor - 1.0)) - np.sum(np.log1p(shared2))
     scale2 = np.where(loose, 1.0, EVIDENCE.tau_scale**2)
     value -= np.sum(np.log1p(tau2 / scale2))
     alike = hyper.log_tau[~loose]
     apart = np.where(loose, 0.0, hyper.log_tau - np.sum(alike) / max(len(alike), 1))
     value -= 0.5 * np.sum(apart**2) / EVIDENCE.tau_spread**2
     gradient_tau = -2 * tau2 / (scale2 + tau2) - apart / EVIDENCE.tau_spread**2
-    slope = -0.5 * witnesses * (1.0 - factor)
+    slope = -0.5 * degrees_of_freedom * (1.0 - factor)
     gradient = np.concatenate([slope, -2 * shared2 / (1 + shared2), gradient_tau])
     return float(value), gradient
 

@@ -46,13 +46,13 @@ class ChannelProducts:
     #: Products of the group means (times the root of its size) by group size; `total` itself where every group is a
     #: single row.
     means: dict[int, Products]
-    witnesses: float  #: Degrees of freedom of the noise estimate.
+    degrees_of_freedom: float  #: Degrees of freedom of the noise estimate.
 
     def take(self, columns: NDArray[np.int_]) -> ChannelProducts:
         """Select columns."""
         total = self.total.take(columns)
         means = {size: total if own is self.total else own.take(columns) for size, own in self.means.items()}
-        return ChannelProducts(self.name, total, means, self.witnesses)
+        return ChannelProducts(self.name, total, means, self.degrees_of_freedom)
 
 
 @dataclass(frozen=True, eq=False)
@@ -228,8 +228,8 @@ def _design(channel: Channel, signatures: Sequence[Signature], picked: Sequence[
 
 def _multiply(channel: Channel, design: Array, observed: Array, old: ChannelProducts | None = None) -> ChannelProducts:
     """Multiply columns with columns and observations; blocks in `old` are reused."""
-    design, observed, told = turn_along(channel, design, observed)
-    total = _products(design, observed, None if old is None else old.total, told)
+    design, observed, measured = turn_along(channel, design, observed)
+    total = _products(design, observed, None if old is None else old.total, measured)
     means: dict[int, Products] = {}
     group = channel.group
     first = np.flatnonzero(np.r_[True, np.diff(group) > 0]) if len(group) else group
@@ -241,38 +241,38 @@ def _multiply(channel: Channel, design: Array, observed: Array, old: ChannelProd
         mean_design = np.add.reduceat(design, first, axis=0)
         mean_design /= root[:, :, None]
         mean_observed = np.add.reduceat(observed, first, axis=0) / root
-        mean_told = np.logical_or.reduceat(told, first, axis=0)
+        mean_measured = np.logical_or.reduceat(measured, first, axis=0)
         sizes = typical_size(sizes)
         for size in np.unique(sizes):
             chosen = sizes == size
             known = None if old is None else old.means[int(size)]
-            means[int(size)] = _products(mean_design[chosen], mean_observed[chosen], known, mean_told[chosen])
-    return ChannelProducts(channel.name, total, means, channel.noise.witnesses)
+            means[int(size)] = _products(mean_design[chosen], mean_observed[chosen], known, mean_measured[chosen])
+    return ChannelProducts(channel.name, total, means, channel.noise.degrees_of_freedom)
 
 
 def turn_along(channel: Channel, design: Array, observed: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
     """Rotate rows that measure one value so that it is first; also return which values are measured. Shape (r, c)."""
-    told = np.ones(observed.shape, bool)
+    measured = np.ones(observed.shape, bool)
     if channel.direction is None:
-        return design, observed, told
+        return design, observed, measured
     one = np.isfinite(channel.direction).all(axis=1)
-    told[one, 1:] = False
+    measured[one, 1:] = False
     design, observed = design.copy(), observed.copy()
     unit = channel.direction[one]
     design[one, 0], observed[one, 0] = np.einsum("ni,nip->np", unit, design[one]), np.sum(unit * observed[one], axis=1)
     design[one, 1:], observed[one, 1:] = 0.0, 0.0
-    return design, observed, told
+    return design, observed, measured
 
 
-def _products(design: Array, observed: Array, old: Products | None, told: NDArray[np.bool_]) -> Products:
+def _products(design: Array, observed: Array, old: Products | None, measured: NDArray[np.bool_]) -> Products:
     # without parameters there are no columns, and the shape does not contain the number of values
     flat, y = design.reshape(observed.size, design.shape[-1]), observed.reshape(-1)
     if old is None:
-        return Products(int(told.sum()), flat.T @ flat, flat.T @ y, float(y @ y))
+        return Products(int(measured.sum()), flat.T @ flat, flat.T @ y, float(y @ y))
     p, count = len(old.against), flat.shape[1]
     fresh = np.ascontiguousarray(flat[:, p:])
     gram = np.empty((count, count))
     gram[:p, :p] = old.gram
     gram[p:] = fresh.T @ flat
     gram[:p, p:] = gram[p:, :p].T
-    return Products(int(told.sum()), gram, np.concatenate([old.against, fresh.T @ y]), old.square)
+    return Products(int(measured.sum()), gram, np.concatenate([old.against, fresh.T @ y]), old.square)

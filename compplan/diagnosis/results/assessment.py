@@ -208,9 +208,9 @@ def _spreads(diagnosis: Diagnosis) -> dict[str, float]:
         return {}
     size = np.sqrt(np.maximum(np.diag(posterior.covariance), 0.0))
     free = np.isin(posterior.columns, equations.columns_named(REGISTRATION))
-    told = ~free | (size < NEGLIGIBLE * np.sqrt(EVIDENCE.free_variance))
+    determined = ~free | (size < NEGLIGIBLE * np.sqrt(EVIDENCE.free_variance))
     size = size * equations.scale[posterior.columns]
-    return {equations.names[c]: float(s) for c, s, t in zip(posterior.columns, size, told, strict=True) if t}
+    return {equations.names[c]: float(s) for c, s, d in zip(posterior.columns, size, determined, strict=True) if d}
 
 
 def _halves(

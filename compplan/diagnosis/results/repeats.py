@@ -54,8 +54,8 @@ def check_repeats(at: Linearization, residual: Array) -> RepeatCheck | None:
     campaign = at.campaign
     if campaign.sigma is None:
         return None
-    told = np.isfinite(residual).all(axis=1) & (np.nan_to_num(campaign.sigma) > 0)
-    rows = np.flatnonzero(told & campaign.measured & ~campaign.on_path)
+    stated = np.isfinite(residual).all(axis=1) & (np.nan_to_num(campaign.sigma) > 0)
+    rows = np.flatnonzero(stated & campaign.measured & ~campaign.on_path)
     sigma = campaign.sigma[rows, None]
     scatter, freedom = _centre(residual[rows] / sigma, group_repeats(campaign, rows))
     if freedom < 2:

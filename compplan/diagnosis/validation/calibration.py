@@ -183,10 +183,10 @@ def average_stays(equations: NormalEquations, claims: Sequence[Claim], noise: Ar
     for number, (source, design, observed) in enumerate(
         zip(equations.source, equations.designs, equations.observed, strict=True)
     ):
-        design, observed, told = turn_along(source, design[..., columns], observed)
+        design, observed, measured = turn_along(source, design[..., columns], observed)
         first = np.flatnonzero(np.r_[True, np.diff(source.group) > 0])
         size = np.diff(np.r_[first, len(source.group)]).astype(float)
-        kept = np.logical_or.reduceat(told, first, axis=0)
+        kept = np.logical_or.reduceat(measured, first, axis=0)
         mean = np.add.reduceat(design, first, axis=0)[kept] / np.repeat(size, kept.sum(axis=1))[:, None]
         value = (np.add.reduceat(observed, first, axis=0) / size[:, None])[kept]
         parts.append((mean, value, np.full(len(value), number), np.repeat(source.rows[first], kept.sum(axis=1))))

@@ -161,7 +161,7 @@ def free_of_frames(fit: Fit, poses: int) -> float:
     if not fit.problem.register:
         return 1.0
     equations = fit.search.equations
-    values = equations.source[0].told.mean() * poses
+    values = equations.source[0].n_values.mean() * poses
     frames = equations.designs[0][..., equations.columns_named(REGISTRATION)]
     taken = int(np.linalg.matrix_rank(frames.reshape(-1, frames.shape[-1])))
     return float(np.sqrt(values / max(values - taken, 0.5 * values)))
