@@ -89,12 +89,12 @@ class Posterior:
     columns: NDArray[np.int_]  #: Active columns.
     mean: Array  #: Posterior means, in units of their scale. Shape (active,).
     hyper: Hyper  #: Noise and background.
-    covary: Callable[[], Array]  #: Computes the covariance on request, since few models need it.
+    compute_covariance: Callable[[], Array]  #: Computes the covariance on request, since few models need it.
 
     @cached_property
     def covariance(self) -> Array:
         """Covariance of the columns. Shape (active, active)."""
-        return self.covary()
+        return self.compute_covariance()
 
     def loss_without(self, columns: NDArray[np.int_]) -> float:
         """Return the log likelihood lost by setting these columns to zero, the others refitted."""
@@ -188,7 +188,7 @@ def drop_negative(
 
 def _conclude(prior: Prior, channels: Sequence[ChannelProducts], done: SolvedColumns, hyper: Hyper) -> Posterior:
     extra = _hyperprior(channels, hyper, _loose(prior, hyper))[0]
-    return Posterior(done.value + extra, prior.active, done.mean, hyper, done.covary())
+    return Posterior(done.value + extra, prior.active, done.mean, hyper, done.compute_covariance())
 
 
 class _Variance:

@@ -116,7 +116,7 @@ class SolvedColumns:
     mean: Array
     pull: Array
 
-    def covary(self) -> Callable[[], Array]:
+    def compute_covariance(self) -> Callable[[], Array]:
         """Return a function that computes the covariance of the columns without the products. Shape (a, a)."""
         lower, deviation = self.lower, self.deviation
         return lambda: mirror_lower(_covariance_triangle(lower, deviation))

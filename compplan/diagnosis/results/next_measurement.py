@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from scipy.linalg import block_diag
 from scipy.special import expit, logit, ndtri
 
-from compplan.diagnosis.data.shared import ENOUGH_ROWS, FEW_ROWS, LISTED, NEGLIGIBLE, SAMPLE, SEED, SURE, rank_number
+from compplan.diagnosis.data.shared import CERTAIN, ENOUGH_ROWS, FEW_ROWS, LISTED, NEGLIGIBLE, SAMPLE, SEED, rank_number
 from compplan.diagnosis.evidence.candidates import key_of, offered_signatures, propose_again
 from compplan.diagnosis.results.result import Diagnosis, place_table
 from compplan.diagnosis.results.verdict import NAMING, Verdict
@@ -117,9 +117,9 @@ def find_pairs(fit: Fit, verdict: Verdict) -> Iterable[Pair]:
         alike = [rival.place for rival in rivals if rival.alike and rival.place in best]
         for rival in alike[: SEARCH.tried]:
             other = search.model((*rest, best[rival]), model.posterior.hyper, fit=False)
-            odds = np.clip((here.score - other.score) / MAP.temper, 0.0, logit(SURE))
+            odds = np.clip((here.score - other.score) / MAP.temper, 0.0, logit(CERTAIN))
             yield Pair(place, rival, here, other, float(odds))
-        if probability < SURE:
+        if probability < CERTAIN:
             odds = float(logit(probability))
             strongest = next((g for g in gains if _place(fit, g.signature) not in (place, *alike)), None)
             if strongest is None or strongest.log_evidence <= 0.0:

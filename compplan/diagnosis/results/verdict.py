@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.diagnosis.data.shared import ROUNDING, STEPS, SURE, beats_chance, rank_number, rms_length
+from compplan.diagnosis.data.shared import CERTAIN, ROUNDING, STEPS, beats_chance, rank_number, rms_length
 from compplan.diagnosis.evidence.candidates import REGISTRATION
 from compplan.diagnosis.evidence.likelihood import Hyper
 from compplan.diagnosis.evidence.normal_equations import representable_forms
@@ -51,7 +51,7 @@ class NamingSettings:
     #: Least share of an unmodelled error for which its driver is reported (assumed).
     mentioned: float = 0.4
     #: Probability of a claim that unmodelled errors explain as well, and of one with an impossible size (assumed).
-    refused: float = 1.0 - SURE
+    refused: float = 1.0 - CERTAIN
     #: Largest margin; larger ones are clipped (assumed).
     most_margin: float = 1000.0
     #: Least share of the values that counts as degrees of freedom of the noise (assumed).
