@@ -129,15 +129,15 @@ def check_self_test(campaign: Campaign) -> None:
 
 def _choose_signatures(fit: Fit, rng: np.random.Generator) -> Iterator[int]:
     """Choose signatures to plant: every name once in random order, then again, at a random place and form."""
-    search, own = fit.search, dict[str, dict[Place, list[int]]]()
+    search, by_name = fit.search, dict[str, dict[Place, list[int]]]()
     for number in search.candidates:
         signature = search.equations.signatures[number]
         # rows and periods found in this log do not belong to the vocabulary
         if signature.tried == 1 and signature.name not in fit.problem.excluded:
-            own.setdefault(signature.name, {}).setdefault(signature.place, []).append(number)
+            by_name.setdefault(signature.name, {}).setdefault(signature.place, []).append(number)
     for _ in range(TRIES):
-        for name in rng.permutation(sorted(own)):
-            forms = list(own[str(name)].values())
+        for name in rng.permutation(sorted(by_name)):
+            forms = list(by_name[str(name)].values())
             yield int(rng.choice(forms[int(rng.integers(len(forms)))]))
 
 

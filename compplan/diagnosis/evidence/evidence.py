@@ -136,7 +136,7 @@ def find_posterior(
     bounds = (
         [(EVIDENCE.log_range[0], _most_noise(ch)) for ch in channels]
         + [EVIDENCE.log_range if shared else (EVIDENCE.log_range[0], EVIDENCE.log_range[0])] * len(channels)
-        + [EVIDENCE.log_range if own else (EVIDENCE.log_range[0], EVIDENCE.most_tau) for own in loose]
+        + [EVIDENCE.log_range if is_loose else (EVIDENCE.log_range[0], EVIDENCE.most_tau) for is_loose in loose]
     )
     # evidence relative to its initial value, for its digits; steps in units of typical errors
     others = len(hyper.vector) - len(channels)
@@ -284,10 +284,10 @@ def find_gains(equations: NormalEquations, posterior: Posterior, candidates: lis
         by_size.setdefault(len(equations.columns(n)), []).append(n)
     gains: list[Gain] = []
     for size, numbers in by_size.items():
-        own = np.stack([equations.columns(n) for n in numbers])
+        columns = np.stack([equations.columns(n) for n in numbers])
         positive = np.array([size == 1 and equations.signatures[n].positive for n in numbers], bool)
-        blocks = gram[own[:, :, None], own[:, None, :]] - known[own] @ np.swapaxes(cross[own], 1, 2)
-        sure, best = _rate_blocks(blocks, left[own], positive)
+        blocks = gram[columns[:, :, None], columns[:, None, :]] - known[columns] @ np.swapaxes(cross[columns], 1, 2)
+        sure, best = _rate_blocks(blocks, left[columns], positive)
         gains += [Gain(n, g, b) for n, g, b in zip(numbers, sure.tolist(), best.tolist(), strict=True)]
     return gains
 

@@ -51,7 +51,7 @@ class ChannelProducts:
     def take(self, columns: NDArray[np.int_]) -> ChannelProducts:
         """Select columns."""
         total = self.total.take(columns)
-        means = {size: total if own is self.total else own.take(columns) for size, own in self.means.items()}
+        means = {size: total if part is self.total else part.take(columns) for size, part in self.means.items()}
         return ChannelProducts(self.name, total, means, self.degrees_of_freedom)
 
 
@@ -172,8 +172,8 @@ def representable_forms(equations: NormalEquations, special: int) -> set[int]:
         wide = equations.columns(number)
         if signature.joint != joint or len(wide) <= len(narrow):
             continue
-        across, own = multiply(wide, narrow), multiply(wide, wide)
-        explained = np.trace(across.T @ np.linalg.pinv(own, rcond=1e-9, hermitian=True) @ across)
+        across, gram = multiply(wide, narrow), multiply(wide, wide)
+        explained = np.trace(across.T @ np.linalg.pinv(gram, rcond=1e-9, hermitian=True) @ across)
         if explained > (1.0 - np.sqrt(ROUNDING)) * whole:
             found.add(number)
     return found
@@ -196,15 +196,15 @@ def _number_columns(
     number = {name: k for k, name in enumerate(names)}
     index, scale, picked = [], [], []
     for count, signature in enumerate(signatures):
-        own = []
+        columns = []
         for k, name in enumerate(signature.column_names):
             if name not in number:
                 number[name] = len(names)
                 names.append(name)
                 scale.append(float(signature.scale[k]))
                 picked.append((count, k))
-            own.append(number[name])
-        index.append(np.array(own, int))
+            columns.append(number[name])
+        index.append(np.array(columns, int))
     return index, names, scale, picked
 
 
@@ -214,15 +214,15 @@ def _design(channel: Channel, signatures: Sequence[Signature], picked: Sequence[
     part = {"position": slice(0, 3), "orientation": slice(3, 6)}.get(channel.name, slice(None))
     start = 0
     for number, of_one in groupby(picked, key=lambda pick: pick[0]):
-        signature, own = signatures[number], [k for _, k in of_one]
+        signature, columns = signatures[number], [k for _, k in of_one]
         motion = signature.encoder if channel.name == "encoder" else signature.twist
         if channel.name == "distance":
             motion = signature.between
         if motion is not None:
-            factor = signature.scale[own] / channel.sigma
+            factor = signature.scale[columns] / channel.sigma
             rows = np.arange(len(channel.rows)) if channel.name == "distance" else channel.rows
-            result[:, :, start : start + len(own)] = motion[:, part][rows][..., own] * factor[:, None]
-        start += len(own)
+            result[:, :, start : start + len(columns)] = motion[:, part][rows][..., columns] * factor[:, None]
+        start += len(columns)
     return result if channel.direction is None else along(channel.direction, result)
 
 

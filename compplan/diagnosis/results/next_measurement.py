@@ -159,8 +159,8 @@ def predict_columns(fit: Fit, at: Linearization) -> list[Array]:
         for channel, design in zip(equations.source, designs, strict=True):
             motion = motions.get(channel.name)
             if motion is not None:
-                own = equations.scale[columns[fresh]] / channel.noise.sigma
-                design[:, :, columns[fresh]] = motion[:, :, fresh] * own
+                scale = equations.scale[columns[fresh]] / channel.noise.sigma
+                design[:, :, columns[fresh]] = motion[:, :, fresh] * scale
         done.update(columns[fresh].tolist())
     return designs
 

@@ -100,20 +100,20 @@ def size_named(fit: Fit, posterior: Posterior, verdict: Verdict, calibration: fl
     """
     robot, equations = fit.problem.robot, fit.search.equations
     values, findings, determined = posterior.values(equations.p), [], set[int]()
-    unknowns, columns = [], np.zeros(0, int)
+    unknowns, chosen = [], np.zeros(0, int)
     for finding in verdict.findings:
         if finding.signature >= 0:
-            signature, own = equations.signatures[finding.signature], equations.columns(finding.signature)
-            size = limit_sizes(robot, signature, values[own] * signature.scale)
+            signature, columns = equations.signatures[finding.signature], equations.columns(finding.signature)
+            size = limit_sizes(robot, signature, values[columns] * signature.scale)
             finding = replace(finding, effect=signature.effect(size))
-            if 2.0 * posterior.loss_without(own) > calibration**2 * chdtri(len(own), 1.0 - LEVEL):
+            if 2.0 * posterior.loss_without(columns) > calibration**2 * chdtri(len(columns), 1.0 - LEVEL):
                 determined.add(finding.signature)
-            if np.isin(own, posterior.columns).all() and not np.isin(own, columns).any():
-                unknowns.append(Unknown(*signature.place, signature.keys, np.zeros(len(own)), dict(signature.fixed)))
-                columns = np.r_[columns, own]
+            if np.isin(columns, posterior.columns).all() and not np.isin(columns, chosen).any():
+                unknowns.append(Unknown(*signature.place, signature.keys, np.zeros(len(size)), dict(signature.fixed)))
+                chosen = np.r_[chosen, columns]
         findings.append(finding)
-    at = np.searchsorted(posterior.columns, columns)
-    covariance = posterior.covariance[np.ix_(at, at)] * np.outer(equations.scale[columns], equations.scale[columns])
+    at = np.searchsorted(posterior.columns, chosen)
+    covariance = posterior.covariance[np.ix_(at, at)] * np.outer(equations.scale[chosen], equations.scale[chosen])
     spread, factor = spread_unknowns(unknowns, covariance)
     sizes = Uncertainty("measured", "named effects", spread, factor, calibration=calibration)
     return unname(replace(verdict, findings=tuple(findings)), determined), sizes
@@ -133,13 +133,13 @@ def _list_unknowns(fit: Fit, found: Calibration) -> tuple[list[Unknown], NDArray
         named = number in found.named
         if not (named or in_background(signature)) or is_of_instrument(signature.name):
             continue
-        own = [(int(c), key) for c, key in zip(equations.columns(number), signature.keys, strict=True)]
-        own = [(c, key) for c, key in own if c in (determined if named else small) and c not in columns]
+        entries = [(int(c), key) for c, key in zip(equations.columns(number), signature.keys, strict=True)]
+        entries = [(c, key) for c, key in entries if c in (determined if named else small) and c not in columns]
         # a list parameter is included completely or not at all
-        if own and (len(own) == len(signature.keys) or "#" not in signature.keys[0]):
-            columns += [c for c, _ in own]
-            keys = tuple(key for _, key in own)
-            unknowns.append(Unknown(*signature.place, keys, np.zeros(len(own)), dict(signature.fixed)))
+        if entries and (len(entries) == len(signature.keys) or "#" not in signature.keys[0]):
+            columns += [c for c, _ in entries]
+            keys = tuple(key for _, key in entries)
+            unknowns.append(Unknown(*signature.place, keys, np.zeros(len(entries)), dict(signature.fixed)))
     return unknowns, np.array(columns, int)
 
 

@@ -130,8 +130,8 @@ def _offer_all(
 
     A nonlinear stiffness of a joint requires a spring in the robot folder; a rigid joint gets compliance instead.
     """
-    own = own_springs(problem.robot)
-    sprung = {problem.robot.joint_names[index] for index, spring in own.items() if spring.compliance > 0.0}
+    springs = own_springs(problem.robot)
+    sprung = {problem.robot.joint_names[index] for index, spring in springs.items() if spring.compliance > 0.0}
     fixed = [
         s for s in offered_signatures(at, problem.register, problem.excluded)
         if s.name != "stiffness_nonlinearity" or s.joint in sprung
@@ -169,12 +169,12 @@ def _propose(fit: Fit) -> list[Signature]:
         columns = equations.columns(number)
         if signature.name == "transmission_error" and values[columns].any():
             waves.setdefault(names.index(str(signature.joint)), set()).update(columns.tolist())
-    own = {
+    joint_waves = {
         index: [design[..., sorted(columns)] @ values[sorted(columns)] for design in equations.designs]
         for index, columns in waves.items()
     }
     proposals = propose_shifts(fit.at, fit.channels, left)
-    return proposals + propose_waves(fit.at, fit.channels, left, own)
+    return proposals + propose_waves(fit.at, fit.channels, left, joint_waves)
 
 
 def _settled(fit: Fit, old: FitState, new: FitState) -> bool:
@@ -219,8 +219,8 @@ def descend(fit: Fit, full: FitState) -> tuple[FitState, float] | None:
 
     def cost(channels: Sequence[Channel], vector: Array) -> float:
         left = [channel.residual / channel.sigma for channel in channels]
-        own = vector[posterior.columns]
-        return square_left(channels, left, posterior.hyper) + float(np.sum(weight * own**2))
+        values = vector[posterior.columns]
+        return square_left(channels, left, posterior.hyper) + float(np.sum(weight * values**2))
 
     start = cost(fit.channels, here)
     promised = square_left(fit.channels, equations.left(target), posterior.hyper)

@@ -172,9 +172,9 @@ class Search:
 
     def gains(self, model: Model) -> list[Gain]:
         """Compute the gains of further claims, best first; prior odds included."""
-        taken = {self.equations.signatures[number].event for number in model.signatures}
+        used_events = {self.equations.signatures[number].event for number in model.signatures}
         used = {int(column) for number in model.signatures for column in self.equations.columns(number)}
-        free = [n for n, event, columns in self._placed if event not in taken and used.isdisjoint(columns)]
+        free = [n for n, event, columns in self._placed if event not in used_events and used.isdisjoint(columns)]
         gains = find_gains(self.equations, model.posterior, free)
         # a gain is a mean over sizes, and the best size dominates it
         odds, several = self.log_prior.tolist(), float(np.log(len(SIZES)))

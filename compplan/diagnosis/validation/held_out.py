@@ -111,8 +111,8 @@ class Folds:
             if fit.problem.register and stands(fit.problem, state):
                 # frames turn far and are fitted exactly, to rows of the fit; contacts use all rows, since few rows may
                 # not determine their place (frames are fitted to all below in any case)
-                own = CONTACTS in fit.problem.register
-                state = register_again(fit, state, fit.state.use & (own | (self.fold != number)))
+                contacts = CONTACTS in fit.problem.register
+                state = register_again(fit, state, fit.state.use & (contacts | (self.fold != number)))
             gap = predict_gap(fit, state)
             if gap is None:
                 gap = np.where(campaign.measured[:, None], campaign.position, np.inf)
@@ -163,8 +163,8 @@ def free_of_frames(fit: Fit, poses: int) -> float:
     equations = fit.search.equations
     values = equations.source[0].n_values.mean() * poses
     frames = equations.designs[0][..., equations.columns_named(REGISTRATION)]
-    taken = int(np.linalg.matrix_rank(frames.reshape(-1, frames.shape[-1])))
-    return float(np.sqrt(values / max(values - taken, 0.5 * values)))
+    used = int(np.linalg.matrix_rank(frames.reshape(-1, frames.shape[-1])))
+    return float(np.sqrt(values / max(values - used, 0.5 * values)))
 
 
 def predict_gap(fit: Fit, state: FitState) -> Array | None:

@@ -142,9 +142,9 @@ def rate_spurious_fits(fit: Fit, revised: RevisedProbabilities) -> dict[Claim, f
     frames, result = equations.columns_named(REGISTRATION), dict[Claim, float]()
     for claim in revised.model.claims:
         others = equations.join_columns(n for n in revised.model.signatures if n != claim.signature)
-        beside = np.union1d(others, frames).astype(int)
-        left = project_out(gram, beside)
-        squares, count = np.maximum(np.diag(left), 0.0), total.count - len(beside)
+        nuisance = np.union1d(others, frames).astype(int)
+        left = project_out(gram, nuisance)
+        squares, count = np.maximum(np.diag(left), 0.0), total.count - len(nuisance)
         columns = equations.columns(claim.signature)
         explained = explain_squares(left, [columns], np.array([len(left) - 1]))[0, 0] - len(columns)
         share = explained / max(float(squares[-1]) - min(float(count), float(squares[-1])), 1e-12)
@@ -215,10 +215,10 @@ def explain_squares(gram: Array, blocks: Sequence[NDArray[np.int_]], errors: NDA
     result = np.zeros((len(blocks), len(errors)))
     for size in {len(block) for block in blocks}:
         numbers = [n for n, block in enumerate(blocks) if len(block) == size]
-        own = np.stack([blocks[n] for n in numbers])
+        columns = np.stack([blocks[n] for n in numbers])
         # columns have unit length: the residual of a column in the span of others is rounding
-        inner = gram[own[:, :, None], own[:, None, :]] + ROUNDING * np.eye(size)
-        against = gram[own[:, :, None], errors]
+        inner = gram[columns[:, :, None], columns[:, None, :]] + ROUNDING * np.eye(size)
+        against = gram[columns[:, :, None], errors]
         result[numbers] = np.einsum("nsc,nsc->nc", against, np.linalg.solve(inner, against))
     return result
 
@@ -287,11 +287,11 @@ def _measure_trace(fit: Fit, columns: NDArray[np.int_], values: Array) -> tuple[
 def _all_columns(fit: Fit, number: int) -> NDArray[np.int_]:
     """Return the columns of an effect at its place: a nonlinear stiffness has both its shapes."""
     equations = fit.search.equations
-    own = equations.signatures[number]
-    if own.form not in ("quadratic", "cubic"):
+    signature = equations.signatures[number]
+    if signature.form not in ("quadratic", "cubic"):
         return equations.columns(number)
     return equations.join_columns(
-        n for n, s in enumerate(equations.signatures) if s.place == own.place and s.form in ("quadratic", "cubic")
+        n for n, s in enumerate(equations.signatures) if s.place == signature.place and s.form in ("quadratic", "cubic")
     )
 
 
