@@ -39,7 +39,7 @@ class EvidenceSettings:
     #: Spread of log tau among the classes of one robot, which resemble each other in size (assumed).
     tau_spread: float = 0.6
     #: Convergence: least gain in log evidence of a step (assumed: far below decisive differences).
-    settled: float = 0.005
+    tolerance: float = 0.005
     #: Initial logarithm of the shared error and of the backgrounds (assumed: a fifth of their scale).
     start: float = -1.5
     #: Typical error of the logarithm of a shared error or a background: the unit of a fit's steps (assumed).
@@ -157,16 +157,16 @@ def find_posterior(
 
     gained = [0.0]
 
-    def stop_settled(intermediate_result: OptimizeResult) -> None:
+    def stop_converged(intermediate_result: OptimizeResult) -> None:
         # the optimizer's tolerance is a share of the total gain: after a large gain it stops far too early
         gained.append(-intermediate_result.fun)
-        if gained[-1] - gained[-2] < EVIDENCE.settled:
+        if gained[-1] - gained[-2] < EVIDENCE.tolerance:
             raise StopIteration
 
     limits = [(low / u, high / u) for (low, high), u in zip(bounds, unit, strict=True)]
     options = {"maxiter": steps, "ftol": 0.0}
     first = np.clip(hyper.vector / unit, *np.array(limits).T)
-    found = minimize(cost, first, jac=True, method="L-BFGS-B", bounds=limits, options=options, callback=stop_settled)
+    found = minimize(cost, first, jac=True, method="L-BFGS-B", bounds=limits, options=options, callback=stop_converged)
     hyper = hyper.with_vector(found.x * unit)
     done = latest.get(found.x.tobytes()) or rows.solve(variance.at(hyper.log_tau), hyper)
     return _conclude(prior, channels, done, hyper)

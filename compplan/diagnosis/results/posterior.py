@@ -20,7 +20,7 @@ from compplan.diagnosis.data.channels import group_poses
 from compplan.diagnosis.data.shared import HALF_WIDTH, LEVEL, SAMPLE
 from compplan.diagnosis.evidence.candidates import in_background
 from compplan.diagnosis.evidence.evidence import Posterior
-from compplan.diagnosis.results.verdict import Verdict, unname
+from compplan.diagnosis.results.verdict import Verdict, drop_insignificant
 from compplan.diagnosis.search.state import Fit, FitState
 from compplan.diagnosis.validation.calibration import Calibration
 from compplan.diagnosis.validation.held_out import HeldOut
@@ -91,11 +91,11 @@ def state_uncertainty(
     return free_base(fit.problem.robot, stated) if adrift else stated
 
 
-def size_named(fit: Fit, posterior: Posterior, verdict: Verdict, calibration: float) -> tuple[Verdict, Uncertainty]:
+def set_calibrated_sizes(fit: Fit, posterior: Posterior, verdict: Verdict, scale: float) -> tuple[Verdict, Uncertainty]:
     """Set named effects to their values in the calibration, and compute their covariance.
 
     Effects whose 95 % region contains zero are no longer named: v^T C^-1 v of values v and covariance C is then below
-    the 95 % point of chi-square. `posterior` is that of the calibration; `calibration` is the factor of all deviations
+    the 95 % point of chi-square. `posterior` is that of the calibration; `scale` is the factor of all deviations
     by which bands cover held-out poses.
     """
     robot, equations = fit.problem.robot, fit.search.equations
@@ -106,7 +106,7 @@ def size_named(fit: Fit, posterior: Posterior, verdict: Verdict, calibration: fl
             signature, columns = equations.signatures[finding.signature], equations.columns(finding.signature)
             size = limit_sizes(robot, signature, values[columns] * signature.scale)
             finding = replace(finding, effect=signature.effect(size))
-            if 2.0 * posterior.loss_without(columns) > calibration**2 * chdtri(len(columns), 1.0 - LEVEL):
+            if 2.0 * posterior.loss_without(columns) > scale**2 * chdtri(len(columns), 1.0 - LEVEL):
                 determined.add(finding.signature)
             if np.isin(columns, posterior.columns).all() and not np.isin(columns, chosen).any():
                 unknowns.append(Unknown(*signature.place, signature.keys, np.zeros(len(size)), dict(signature.fixed)))
@@ -115,8 +115,8 @@ def size_named(fit: Fit, posterior: Posterior, verdict: Verdict, calibration: fl
     at = np.searchsorted(posterior.columns, chosen)
     covariance = posterior.covariance[np.ix_(at, at)] * np.outer(equations.scale[chosen], equations.scale[chosen])
     spread, factor = spread_unknowns(unknowns, covariance)
-    sizes = Uncertainty("measured", "named effects", spread, factor, calibration=calibration)
-    return unname(replace(verdict, findings=tuple(findings)), determined), sizes
+    sizes = Uncertainty("measured", "named effects", spread, factor, calibration=scale)
+    return drop_insignificant(replace(verdict, findings=tuple(findings)), determined), sizes
 
 
 def _list_unknowns(fit: Fit, found: Calibration) -> tuple[list[Unknown], NDArray[np.int_]]:

@@ -152,7 +152,7 @@ class PosteriorMotion:
         square = float(self.gap @ self.gap) / len(self.rows)
         self.noise = float(np.clip(diagnosis.verdict.structure.floor**2 / max(square, 1e-300), 0.0, 1.0))
 
-    def follow(self, name: str) -> str:
+    def driver(self, name: str) -> str:
         """Return the driver of an effect's error; without any load, "load" becomes "gravity"."""
         driver, campaign = driver_of(name), self.diagnosis.fit.problem.campaign
         loaded = driver != "load" or bool(campaign.is_load(campaign.wrench[campaign.usable]).any())
@@ -170,7 +170,7 @@ class PosteriorMotion:
         index = np.flatnonzero(np.isin(self.columns, columns))
         kind = kind_of(name, self.diagnosis.fit.problem.campaign.load_varies)
         moved = self.design[:, index] @ self.mean[index]
-        return Part(place, kind, self.follow(name), probability, moved, index, small)
+        return Part(place, kind, self.driver(name), probability, moved, index, small)
 
     def divide(self, parts: Sequence[Part]) -> tuple[list[float], list[Array]]:
         """Return the share of each part, and drawn shares of shape (SAMPLE,)."""
@@ -244,15 +244,15 @@ def find_interval(share: float, drawn: Array) -> Share:
 
 
 def add_up(
-    names: Sequence[str], homes: Sequence[str], stated: Sequence[float], drawn: Sequence[Array], noise: float
+    names: Sequence[str], part_names: Sequence[str], stated: Sequence[float], drawn: Sequence[Array], noise: float
 ) -> dict[str, Share]:
     """Add up the shares of parts by name; the unexplained share is last.
 
-    `homes` are the names of the parts, `stated` their shares, `drawn` their drawn shares. Shape (SAMPLE,) each.
+    `part_names` are the names of the parts, `stated` their shares, `drawn` their drawn shares. Shape (SAMPLE,) each.
     """
     draws = {name: np.zeros(SAMPLE) for name in names}
     shares = dict.fromkeys(names, 0.0)
-    for name, share, values in zip(homes, stated, drawn, strict=True):
+    for name, share, values in zip(part_names, stated, drawn, strict=True):
         shares[name] += share
         draws[name] = draws[name] + values
     rest = np.maximum(1.0 - noise - sum(draws.values(), np.zeros(SAMPLE)), 0.0)
@@ -265,13 +265,6 @@ def _scale_to(values: Array, explained: Array) -> Array:
     positive = np.maximum(values, 0.0)
     whole = np.maximum(positive.sum(axis=0), 1e-300)
     return np.asarray(positive / whole * np.clip(explained, 0.0, 1.0))
-
-
-#: Kinds of errors by driver; those that follow the load are the robot's own weight if the load does not vary.
-GEOMETRY, GEARS, WEIGHT, LOAD, OTHER = "geometry", "gears", "own weight", "load", "other"
-KINDS = {
-    "posture": GEOMETRY, "joint angle": GEARS, "direction of approach": GEARS, "gravity": WEIGHT, "load": LOAD,
-}  # fmt: skip
 
 
 def kind_of(name: str, loaded: bool) -> str:

@@ -127,7 +127,7 @@ def reach_verdict(fit: Fit, revised: RevisedProbabilities) -> Verdict:
     return Verdict(status, named, doubtful, minor, structure)
 
 
-def unname(verdict: Verdict, determined: Collection[int]) -> Verdict:
+def drop_insignificant(verdict: Verdict, determined: Collection[int]) -> Verdict:
     """Move named effects without a signature in `determined`, whose size may be zero, to `doubtful`."""
     kept = tuple(f for f in verdict.findings if f.signature < 0 or f.signature in determined)
     if len(kept) == len(verdict.findings):

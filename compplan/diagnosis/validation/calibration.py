@@ -55,13 +55,13 @@ class CalibrationSettings:
     reweighted: int = 30
     steps: int = 3
     #: Convergence: motion of the fitted values over the noise (assumed).
-    settled: float = 0.01
+    tolerance: float = 0.01
     #: Largest common factor by which variances of a class change in a step (assumed).
     fastest: float = 4.0
     #: Initial share of the observations' squares that is noise (assumed: far too much, so that no column fits chance).
     first_noise: float = 0.1
     #: Columns that move no observation by more than this share of its noise are left out (assumed).
-    gone: float = 1e-3
+    least_motion: float = 1e-3
     #: Fewest poses from which a fit without some of them starts at that of all poses (assumed).
     many_poses: int = 200
 
@@ -212,7 +212,7 @@ def solve_means(
     means = means if start is None else start.means
     y, channel = means.observed[used], means.channel[used]
     size2 = np.maximum(np.mean(means.design[used] ** 2, axis=0), 1e-12)
-    alive = (size2 > CALIBRATION.gone**2) | (means.group < 0)
+    alive = (size2 > CALIBRATION.least_motion**2) | (means.group < 0)
     means, size2 = means.take(alive), size2[alive]
     design, group = means.design[used], means.group
     unit2 = np.minimum(1.0 / size2, CALIBRATION.largest**2)
@@ -240,7 +240,7 @@ def solve_means(
             freedom = max(mask.sum() * (1.0 - known.sum() / len(y)), 1.0)
             noise[k] = max(float(np.sum(weight[mask] * left[mask] ** 2)) / freedom, means.least[k])
         weight = (CALIBRATION.student + 1.0) / (CALIBRATION.student + left**2 / noise[channel])
-        if np.mean((explained - before) ** 2 / noise[channel]) < CALIBRATION.settled**2:
+        if np.mean((explained - before) ** 2 / noise[channel]) < CALIBRATION.tolerance**2:
             break
     root = np.sqrt(weight / noise[channel])
     while True:

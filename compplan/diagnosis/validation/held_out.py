@@ -21,7 +21,7 @@ from compplan.diagnosis.evidence.evidence import find_posterior
 from compplan.diagnosis.evidence.normal_equations import NormalEquations, select_rows
 from compplan.diagnosis.search.fit import register_again
 from compplan.diagnosis.search.search import Claim
-from compplan.diagnosis.search.state import Fit, FitState, stands
+from compplan.diagnosis.search.state import Fit, FitState, has_equilibrium
 from compplan.effects import apply_effects, build_model, fold_effects, robot_effects, solve_model_poses
 from compplan.errors import ConvergenceError, InputError
 from compplan.measurement.campaign import Campaign
@@ -108,7 +108,7 @@ class Folds:
         campaign, residual = fit.problem.campaign, np.zeros((len(self.fold), 3))
         for number in self.numbers:
             state = build(number)
-            if fit.problem.register and stands(fit.problem, state):
+            if fit.problem.register and has_equilibrium(fit.problem, state):
                 # frames turn far and are fitted exactly, to rows of the fit; contacts use all rows, since few rows may
                 # not determine their place (frames are fitted to all below in any case)
                 contacts = CONTACTS in fit.problem.register

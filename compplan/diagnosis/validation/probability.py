@@ -45,7 +45,7 @@ class ProbabilitySettings:
     """Settings of the map from evidence to probability."""
 
     #: Largest probability of a claim (assumed: one campaign in a hundred has a cause outside every model here).
-    most_sure: float = 0.99
+    most_probable: float = 0.99
     #: Divisor of log odds: evidence of real campaigns is less sharp than its model (assumed).
     temper: float = 2.0
     #: Margins beyond this count logarithmically (assumed).
@@ -90,7 +90,7 @@ def features_of(evidence: Evidence) -> Array:
 def calibrate_probability(evidence: Evidence) -> float:
     """Return the calibrated probability of a claim."""
     odds = CONSTANT + WEIGHTS @ features_of(evidence)
-    return float(np.clip(expit(odds), 0.0, MAP.most_sure))
+    return float(np.clip(expit(odds), 0.0, MAP.most_probable))
 
 
 def rate_similarities(fit: Fit, revised: RevisedProbabilities) -> dict[Claim, float]:
@@ -161,12 +161,12 @@ def draw_errors(fit: Fit) -> Array:
     """Draw errors of no effect, of one rms each in units of the noise. Shape (values, SAMPLE)."""
     at, channel = fit.at, fit.search.equations.source[0]
     rows, rng = channel.rows, np.random.default_rng(SEED)
-    followed = list_followed(at, rows)
+    drivers = list_drivers(at, rows)
     directions = [(joint.name, axis) for joint in at.robot.actuated for axis in AXES[3:]]
     rotation = at.attained.frames.tcp_rotation[rows]
     drawn: list[Array] = []
     while len(drawn) < SAMPLE:
-        phases = [_pick(rng, followed) * rng.choice(MAP.roughness) for _ in range(rng.integers(1, 3))]
+        phases = [_pick(rng, drivers) * rng.choice(MAP.roughness) for _ in range(rng.integers(1, 3))]
         kind, direction = rng.integers(3), rng.normal(size=3)
         if kind == 0:
             moved = np.broadcast_to(direction, (len(rows), 3))
@@ -183,7 +183,7 @@ def draw_errors(fit: Fit) -> Array:
     return np.stack(drawn, axis=1)
 
 
-def list_followed(at: Linearization, rows: NDArray[np.int_]) -> list[Array]:
+def list_drivers(at: Linearization, rows: NDArray[np.int_]) -> list[Array]:
     """List the standardised quantities that a drawn error may depend on, by kind. Shapes (r, k)."""
     campaign = at.campaign
     kinds = [np.nan_to_num(campaign.q), at.point, np.arange(len(campaign), dtype=float)[:, None]]
@@ -199,8 +199,8 @@ def list_followed(at: Linearization, rows: NDArray[np.int_]) -> list[Array]:
     return found
 
 
-def _pick(rng: np.random.Generator, followed: Sequence[Array]) -> Array:
-    kind = followed[int(rng.integers(len(followed)))]
+def _pick(rng: np.random.Generator, drivers: Sequence[Array]) -> Array:
+    kind = drivers[int(rng.integers(len(drivers)))]
     return np.asarray(kind[:, rng.integers(kind.shape[1])])
 
 
