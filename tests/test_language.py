@@ -21,7 +21,8 @@ METAPHORS = {
     r"likeness\w*": "residual similarity", r"imitat\w*": "spurious fit", r"spok\w+|speaks?": "reports, readback",
     r"wish\w*": "preference", r"wakes?": "cut surface", r"seldom": "rarely, with the share", r"lawful\w*": "",
     r"surely": "uncertainty",
-    r"told|stood|stands?|tells?": "is, states, reports", r"whatever|wherever": "any", r"of those that": "", r"what no": "", r"riddles?": "", r"held-out floor": "noise floor",
+    r"told|stood|stands?|tells?": "is, states, reports", r"whatever|wherever": "any",
+    r"of those that": "", r"what no": "", r"riddles?": "", r"held-out floor": "noise floor",
     r"grade scaled": "springs are scaled", r"asked once": "", r"own seeds?": "",
 }  # fmt: skip
 PATTERN = re.compile("|".join(rf"\b(?:{words})\b" for words in METAPHORS), re.I)
