@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from compplan.errors import InputError
 from compplan.io.tables import Array
-from compplan.toolpath.events import Event, guard_cuts
+from compplan.toolpath.events import Event, insert_spindle_stops
 from compplan.toolpath.readers.arcs import FARTHEST, LARGEST_RADIUS, Arc, Point, combine, count_chords, sample_arc
 from compplan.toolpath.toolpath import Toolpath
 
@@ -238,7 +238,7 @@ class MoveLog:
         if touched.any():
             lowest, greatest = table[touched, :3].min(axis=0), table[touched, :3].max(axis=0)
             box = (tuple(lowest.round(9).tolist()), tuple(greatest.round(9).tolist()))
-        events, stopped = guard_cuts(found, cut)
+        events, stopped = insert_spindle_stops(found, cut)
         if stopped:
             first = f"the file cuts with a spindle that it has stopped, {stopped} times: the program stops before"
             self.note(first, 1)
