@@ -113,7 +113,7 @@ class _AptReader:
                 self.nx = self.nx or major.startswith("TOOL PATH")
                 words = re.sub(r"^(PPRINT|REMARK|TPRINT|\$\$)\s*/?\s*", "", record.strip(), flags=re.IGNORECASE)
                 if words:
-                    self.log.happen("comment", self.line, text=words)
+                    self.log.add_event("comment", self.line, text=words)
             elif major.startswith("INSERT"):
                 self.note(f"text for the control is not read: {record[:40]!r}")
             elif major == "FINI":
@@ -196,7 +196,7 @@ class _AptReader:
             self.state.tool, self.state.tool_name = number or 0.0, "" if number is not None else words[:32]
             self.machine.change_tool(line)
         elif major in ("DELAY", "DWELL"):
-            self.log.happen("dwell", line, value=max(number or 0.0, 0.0))
+            self.log.add_event("dwell", line, value=max(number or 0.0, 0.0))
         elif code in STARTING:
             self.machine.switch_on([code], line)
         elif code in STOPPING:

@@ -58,7 +58,7 @@ CONTRARY = (
     frozenset({98.0, 99.0}), MOTIONS | CYCLES,
 )  # fmt: skip
 LENGTH_NOTE = "tool length compensation (G43) is not applied: the path is that of the tool tip"
-TRAVEL = "moves of a printer after homing are travel until X Y Z are known: the path begins where they are"
+HOMING_NOTE = "moves of a printer after homing are travel until X Y Z are known: the path begins where they are"
 #: Block of X Y Z F only, with the extruder of a printer.
 PRINTED = re.compile(PLAIN.pattern + r"(E[-+]?[\d.]+[ \t]*)?")
 #: Codes that are executed before all others of their block, in this order.
@@ -174,8 +174,8 @@ class Rs274:
         if not stated and any(values.get(letter, 0.0) != 0.0 for letter in LENGTHS):
             raise refuse_unit("G20 or G21")
         for group in CONTRARY if len(codes) > 1 else ():
-            if len(said := sorted(group & set(codes))) > 1:
-                raise InputError(f"G{said[0]:g} and G{said[1]:g} stand in one block, expected one of them")
+            if len(conflicts := sorted(group & set(codes))) > 1:
+                raise InputError(f"G{conflicts[0]:g} and G{conflicts[1]:g} stand in one block, expected one of them")
         takes = it.run_words(block, codes, find_code) if codes else ""
         if "F" in values and 4.0 not in codes:
             state.set_feed(values["F"])
@@ -207,7 +207,7 @@ class Rs274:
         if owner is None:
             return False
         it.note(f"M{owner:g} is not read")
-        it.log.happen("comment", it.flow.line, text=f"M{owner:g} of the CAM file")
+        it.log.add_event("comment", it.flow.line, text=f"M{owner:g} of the CAM file")
         if MOTIONS.isdisjoint(block.codes):
             return True
         for letter in "STPQ":
@@ -251,7 +251,7 @@ class Rs274:
             it.note("I J K in straight moves are not read")
         unknown = bool(it.course.unknown) and not it.course.muted
         if state.printer and state.motion == 1.0 and unknown and ("E" not in values or not it.log.waypoints):
-            it.note(TRAVEL)
+            it.note(HOMING_NOTE)
             it.course.rapid(*it.motion.target(block))
             return
         if state.motion != 0.0 and block.has(STRAIGHT):

@@ -94,7 +94,7 @@ class RobotProgram:
     def ask(self, found: Match | str) -> None:
         """Append a statement without equivalent in other languages as an event for the operator."""
         where = "in a loop or a branch: " if self.blocks else ""
-        self.log.happen("call", self.flow.line, text=where + (found if isinstance(found, str) else found.string))
+        self.log.add_event("call", self.flow.line, text=where + (found if isinstance(found, str) else found.string))
 
     def switch(self, kind: str) -> Callable[[Match], None]:
         """Return the rule of an output, a wait (dwell) or a halt (stop); see `ask` for loops and branches.
@@ -109,7 +109,7 @@ class RobotProgram:
             if self.blocks:
                 self.ask(found)
             else:
-                self.log.happen(kind, self.flow.line, value=value, text=words.get("signal") or "")
+                self.log.add_event(kind, self.flow.line, value=value, text=words.get("signal") or "")
 
         return run
 

@@ -133,7 +133,7 @@ class Sinumerik:
         it.steady = False
         body, comment = lexer.cut_comment(raw)
         if comment and not comment.startswith("$PATH"):
-            it.log.happen("comment", it.flow.line, text=comment)
+            it.log.add_event("comment", it.flow.line, text=comment)
         text = body.upper()
         if not text or text[0] == "%":
             return index + 1
@@ -171,7 +171,7 @@ class Sinumerik:
             self.cycles.modal = None
         if "RET" in names:
             return True
-        for name in [name for name in names if it.flow.find_beside(name)]:
+        for name in [name for name in names if it.flow.find_sibling(name)]:
             if modal:
                 raise InputError(f"MCALL {name} (a subprogram at every place) is not read; write the program out")
             names.remove(name)
@@ -228,7 +228,7 @@ class Sinumerik:
         """Execute a subprogram with values of its parameters: PROC NAME(REAL A, INT B)."""
         values = [self.evaluate(text) if text else 0.0 for text in arguments]
         for _ in range(int(times) if values else 1):
-            if values and self.it.flow.find_beside(called):
+            if values and self.it.flow.find_sibling(called):
                 program = self.it.flow.programs[called]
                 heads = map(strip, program.lines[program.first : min(program.first + 20, program.last)])
                 head = next((text for text in heads if re.match(r"PROC\s+\w+\s*\(", text)), "()")

@@ -12,7 +12,7 @@ from typing import Any
 
 from compplan.errors import InputError
 from compplan.toolpath.readers.arcs import Point, arc_about, combine, cross, dot, normalise
-from compplan.toolpath.readers.frames import NOWHERE, UNIT, Frame
+from compplan.toolpath.readers.frames import ORIGIN, UNIT, Frame
 from compplan.toolpath.readers.moves import MoveLog
 from compplan.toolpath.readers.options import CHORD_MM, CamTable, find_start
 
@@ -223,7 +223,7 @@ class Course:
         arc.check_circle()
         self.log.arc(arc, end, feed)
         along = cross(normal, combine(1.0, target, -1.0, centre))
-        self.position, self.way = target, (NOWHERE, along) if right_hand else (along, NOWHERE)
+        self.position, self.way = target, (ORIGIN, along) if right_hand else (along, ORIGIN)
 
 
 def _angle(before: Point, after: Point) -> float:

@@ -88,15 +88,15 @@ def drill(course: Course, hole: Hole, name: str) -> None:
                     for level in (hole.clear, back) if hole.lifts else (back,):
                         course.rapid(set_level(place, hole.axis, level))
             if hole.wait > 0.0:
-                log.happen("dwell", line, value=hole.wait)
+                log.add_event("dwell", line, value=hole.wait)
             if hole.turn[0]:
-                log.happen(hole.turn[0], line, value=hole.speed)
+                log.add_event(hole.turn[0], line, value=hole.speed)
             if hole.out is not None:
                 course.line(set_level(place, hole.axis, hole.clear), (), hole.out)
             elif hole.by_clear:
                 go_to_level(course, hole.axis, hole.clear)
             if hole.turn[1]:
-                log.happen(hole.turn[1], line, value=hole.speed)
+                log.add_event(hole.turn[1], line, value=hole.speed)
     else:
         course.note(f"drilling cycle {name} {SKIPPED}")
     go_to_level(course, hole.axis, hole.top)

@@ -13,7 +13,7 @@ from compplan.toolpath.readers.cnc.cycles import SKIPPED, Hole, drill, go_to_lev
 from compplan.toolpath.readers.cnc.heidenhain_words import ASSIGN, CYCLE, NUMBER, TILT_ANGLES, VALUE, KlartextWords
 from compplan.toolpath.readers.cnc.interpreter import Interpreter
 from compplan.toolpath.readers.cnc.state import AXES
-from compplan.toolpath.readers.frames import PLANE_AXES, PLANE_NORMALS, Frame, rotate, shift, stand_on, stretch
+from compplan.toolpath.readers.frames import PLANE_AXES, PLANE_NORMALS, Frame, frame_from_normal, rotate, shift, stretch
 from compplan.toolpath.readers.lines import match_form
 
 #: Drilling cycles, and whether the tool retracts at the feed; old cycles, and the number of the part with their feed.
@@ -86,7 +86,7 @@ class HeidenhainCycles:
             self._name_preset(rest)
         elif number == 9:
             if last:
-                self.it.log.happen("dwell", self.it.flow.line, value=self.value(last.group(1)))
+                self.it.log.add_event("dwell", self.it.flow.line, value=self.value(last.group(1)))
         elif number in OLD:
             if not part or self.cycle is None or self.cycle.number != number:
                 self.cycle = Cycle(number)
@@ -344,12 +344,12 @@ class HeidenhainCycles:
         if kind == "EULER":
             return rotate(2, n["EULPR"]).then(rotate(0, n["EULNU"])).then(rotate(2, n["EULROT"]))
         if kind == "VECTOR":
-            return stand_on((n["BX"], n["BY"], n["BZ"]), (n["NX"], n["NY"], n["NZ"]))
+            return frame_from_normal((n["BX"], n["BY"], n["BZ"]), (n["NX"], n["NY"], n["NZ"]))
         if kind == "POINTS":
             one, two, three = ((n[f"P{i}X"], n[f"P{i}Y"], n[f"P{i}Z"]) for i in (1, 2, 3))
             if any(one):
                 raise ValueError("PLANE POINTS is read with its first point at the datum; shift the datum there")
-            return stand_on(two, cross(two, three))
+            return frame_from_normal(two, cross(two, three))
         if kind == "RELATIV":
             (name, angle), *more = n.items()
             if more or name not in ("SPA", "SPB", "SPC"):

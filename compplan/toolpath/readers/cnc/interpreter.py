@@ -220,7 +220,7 @@ class Interpreter:
 
     def call(self, name: str, times: float) -> None:
         """Execute a subprogram of the file or of its folder."""
-        if not self.flow.find_beside(name):
+        if not self.flow.find_sibling(name):
             where = f"neither %_N_{name}_SPF in this file nor {name}.SPF beside it is there"
             raise InputError(f"subprogram call {name[:40]} is not read: {where}")
         self.contour.refuse_open()

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 from compplan.errors import InputError
 from compplan.toolpath.readers.arcs import Point, combine
-from compplan.toolpath.readers.cnc.course import NOWHERE, UP
+from compplan.toolpath.readers.cnc.course import ORIGIN, UP
 from compplan.toolpath.readers.cnc.interpreter import Interpreter
 from compplan.toolpath.readers.cnc.state import AXES, LETTERS, CncBlock
 from compplan.toolpath.readers.frames import DEEP_AXIS, PLANE_AXES, Frame, rotate, scale_about, shift, turn_about
@@ -42,7 +42,7 @@ class Origins:
         self.origins: dict[float, dict[int, float]] = {}
         self.bases: dict[float, Point] = {}
         #: Shifts of the origin by G92 and G52, origin of the work offset in that of the path; shift restored by G92.3.
-        self.origin = self.shifted = self.base = NOWHERE
+        self.origin = self.shifted = self.base = ORIGIN
         self.kept: Point | None = None
         #: Axes with coordinates known from G92 only.
         self.declared: set[int] = set()
@@ -72,14 +72,14 @@ class Origins:
             return
         old, new = self.origins.get(before, {}), self.origins.get(code, {})
         if OUTSIDE in course.muted and (code in self.bases or code == self.part_offset):
-            self.base = self.bases.get(code, NOWHERE)
+            self.base = self.bases.get(code, ORIGIN)
             course.unmute(OUTSIDE)
         elif len(old) == 3 and len(new) == 3 and OUTSIDE not in course.muted:
             self.base = combine(1.0, self.base, 1.0, (new[0] - old[0], new[1] - old[1], new[2] - old[2]))
         elif fresh:
             self.part_offset = code
             course.lose()
-            self.it.log.forget()
+            self.it.log.clear()
         elif OUTSIDE not in course.muted:
             self.bases[before] = self.base
             here, there = name_offset(self.part_offset), name_offset(code)
@@ -181,8 +181,8 @@ class Origins:
         if code == 92.3 and self.kept is None:
             raise InputError("G92.3 brings back an offset from before this program, which is not known; set it by G92")
         self.origin, self.kept = (
-            (self.kept or NOWHERE) if code == 92.3 else NOWHERE,
-            NOWHERE if code == 92.1 else self.kept,
+            (self.kept or ORIGIN) if code == 92.3 else ORIGIN,
+            ORIGIN if code == 92.1 else self.kept,
         )
         if code == 92.3:
             self.course.unmute(DECLARED)
@@ -311,10 +311,10 @@ def change_frame(it: Interpreter, word: str, block: CncBlock) -> None:
         factors = [values.get(letter, 1.0) for letter in AXES]
         if len(set(factors)) > 1 or not 1e-6 < abs(factors[0]) < 1e6:
             raise InputError(f"{word} with different factors of its axes is not read")
-        step = scale_about(NOWHERE, (factors[0], factors[0], factors[0]))
+        step = scale_about(ORIGIN, (factors[0], factors[0], factors[0]))
     else:
         i, j, k = (-1.0 if letter in values else 1.0 for letter in AXES)
-        step = scale_about(NOWHERE, (i, j, k))
+        step = scale_about(ORIGIN, (i, j, k))
     it.contour.refuse_open()
     it.put(program=it.frames.get("program", Frame()).then(step) if word.startswith("A") else step)
 

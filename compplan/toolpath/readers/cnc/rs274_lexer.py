@@ -119,7 +119,7 @@ class Lexer:
         """Return the block of a line, None if it has none."""
         line, comments = strip_comments(raw)
         for comment in comments:
-            self.it.log.happen("comment", self.it.flow.line, text=comment)
+            self.it.log.add_event("comment", self.it.flow.line, text=comment)
         if not line:
             return None
         if len(line) > 200:
@@ -176,7 +176,7 @@ class Lexer:
             raise InputError(f"program control {line[:40]!r} (O words) is not read; write the program out")
         if (owner := OWNER_LINE.match(line)) and owns_words(float(owner.group(1))):
             self.it.note(f"M{owner.group(1)} is not read")
-            self.it.log.happen("comment", self.it.flow.line, text=f"M{owner.group(1)} of the CAM file")
+            self.it.log.add_event("comment", self.it.flow.line, text=f"M{owner.group(1)} of the CAM file")
             return None
         if BARE_HOME.fullmatch(line):
             return [("G", 28.0)], line

@@ -324,7 +324,7 @@ class SinumerikFlow:
         if word in REFUSED:
             raise InputError(f"{word} {rest[:24]!r} is not read; write the program out in the CAM system")
         if word == "MSG" and (told := re.search(r'MSG\s*\(\s*"([^"]*)"', raw, re.IGNORECASE)):
-            self.it.log.happen("comment", self.flow.line, text=told.group(1))
+            self.it.log.add_event("comment", self.flow.line, text=told.group(1))
         elif word == "DEF":
             self._declare(text)
         if word in ("MSG", "DEF", "PROC", "EXTERN"):

@@ -150,7 +150,7 @@ class Machine:
         if "T" in values:
             state.tool, state.tool_name = values["T"], ""
             if not changing and not state.changes_by_t:
-                log.happen("comment", line, text=f"tool T{values['T']:g} is called")  # changed by the next M6
+                log.add_event("comment", line, text=f"tool T{values['T']:g} is called")  # changed by the next M6
         if 61.0 in machine:
             state.tool, state.tool_name = values.get("Q", state.tool), ""
         if changing or by_t:
@@ -170,11 +170,11 @@ class Machine:
                 wait = max(values["P"], 0.0) * (1e-3 if milli else 1.0)
             elif "S" in values:  # in revolutions
                 wait = 60.0 * values["S"] / state.spindle if state.spindle > 0.0 else 0.0
-            log.happen("dwell", line, value=wait)
+            log.add_event("dwell", line, value=wait)
 
     def change_tool(self, line: int) -> None:
         """Change to the selected tool."""
-        self.log.happen("tool", line, value=self.state.tool, text=self.state.tool_name)
+        self.log.add_event("tool", line, value=self.state.tool, text=self.state.tool_name)
         self.state.turning = ""
 
     def switch_on(self, machine: Iterable[float], line: int, *, changed: bool = False) -> None:
@@ -186,15 +186,15 @@ class Machine:
                 state.turning, changed = kind, True
         if changed and state.turning:
             off = state.spindle == 0.0
-            log.happen("spindle_off" if off and not kinds else state.turning, line, value=state.spindle)
+            log.add_event("spindle_off" if off and not kinds else state.turning, line, value=state.spindle)
         for kind in kinds:
             if not kind.startswith("spindle"):
                 state.cooling = True
-                log.happen(kind, line)
+                log.add_event(kind, line)
         for code in machine:
             if code not in STARTING and code not in STOPPING and code not in self.silent:
                 log.note(f"M{code:g} is not read", line)
-                log.happen("comment", line, text=f"M{code:g} of the CAM file")
+                log.add_event("comment", line, text=f"M{code:g} of the CAM file")
 
     def stop(self, machine: Iterable[float], line: int) -> bool:
         """Execute M codes after the move of their block; return whether the program ends."""
@@ -205,12 +205,12 @@ class Machine:
             elif kind == "coolant_off":
                 self.state.cooling = False
             if kind:
-                self.log.happen(kind, line)
+                self.log.add_event(kind, line)
         return not self.ends.isdisjoint(machine)
 
     def end(self, line: int) -> None:
         """Stop running spindle and coolant at the end of the program."""
         for running, kind in ((self.state.turning, "spindle_off"), (self.state.cooling, "coolant_off")):
             if running:
-                self.log.happen(kind, line)
+                self.log.add_event(kind, line)
         self.state.turning, self.state.cooling = "", False
