@@ -102,7 +102,7 @@ class _KrlReader:
             (r"BAS\s*\(\s*#(\w+)\s*,\s*([^)]*)\)", self._set_up),
             (r"(?P<signal>\$OUT\[\d+\])\s*=\s*(?P<on>TRUE|FALSE)$", robot.switch("output")),
             (rf"WAIT\s+SEC\s+(?P<time>{NUMBER})$", robot.switch("dwell")), ("HALT$", robot.switch("stop")),
-            (r"WAIT\b|PULSE\b|TRIGGER\b|\$A?N?OUT|ANOUT\b", robot.ask), (ASSIGN, self._assign),
+            (r"WAIT\b|PULSE\b|TRIGGER\b|\$A?N?OUT|ANOUT\b", robot.add_call_event), (ASSIGN, self._assign),
             (r"DECL|INT|REAL|BOOL|CHAR|EXT|INTERRUPT|GLOBAL|WAIT|HALT|CONTINUE|TRIGGER|SIGNAL|RETURN|BRAKE|PULSE|ENUM|"
              r"ENDFCT|STRUC|DEFDAT|ENDDAT|ANOUT|ANIN|CASE|DEFAULT|ELSE|IMPORT|RESUME|CREAD|CWRITE|COPEN|CCLOSE|E6POS|"
              r"E6AXIS|FRAME|POS|AXIS|CHANNEL|CONFIRM|FDAT|LDAT|PDAT|ON_ERROR_PROCEED|TIME_BLOCK|CONST_VEL|.*:$", None),
@@ -204,7 +204,7 @@ class _KrlReader:
         if called not in programs:
             self.called = self.called or f"{statement[:24]} in line {self.flow.line}"
             self.note(f"call of {called[:24]}() is not read: it is neither here nor beside the file")
-            self.robot.ask(statement)
+            self.robot.add_call_event(statement)
             return
         if programs[called].file != file:
             self._load_data(programs[called].file)
@@ -328,11 +328,11 @@ class _KrlReader:
         named = NAME.match(parts[0])
         if joints and named and named.group(0) not in self.positions:
             unknown = named.group(0)[:24]
-            self.robot.lose(f"joint move to {unknown} is left out: it is not known here or in the .dat file")
+            self.robot.forget_pose(f"joint move to {unknown} is left out: it is not known here or in the .dat file")
             return
         numbers = self._target(parts[0])
         if joints and numbers.keys() & set(AXES):
-            self.robot.lose()
+            self.robot.forget_pose()
         elif joints:
             self.robot.rapid(self._pose(numbers))
         elif kind in ("LIN", "SLIN"):
