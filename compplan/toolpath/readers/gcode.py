@@ -176,15 +176,15 @@ class Rs274:
         for group in CONTRARY if len(codes) > 1 else ():
             if len(conflicts := sorted(group & set(codes))) > 1:
                 raise InputError(f"G{conflicts[0]:g} and G{conflicts[1]:g} stand in one block, expected one of them")
-        takes = it.run_words(block, codes, find_code) if codes else ""
+        coordinate_use = it.run_words(block, codes, find_code) if codes else ""
         if "F" in values and 4.0 not in codes:
             state.set_feed(values["F"])
         if machine or 4.0 in codes or "S" in values or "T" in values:
             it.machine.start(block, it.flow.line)
         calls = 98.0 in machine or 97.0 in machine
-        if takes == "machine":
+        if coordinate_use == "machine":
             self.origins.move_in_machine(block)
-        elif not takes and block.has(MOVING):
+        elif not coordinate_use and block.has(MOVING):
             if calls:
                 block.values = {letter: number for letter, number in values.items() if letter not in "PLK"}
             self.move(block)
@@ -249,7 +249,7 @@ class Rs274:
             raise InputError(f"R{values['R']:g} in a straight move is not read; a rounded corner is written ,R")
         elif block.has(CENTRES):
             it.note("I J K in straight moves are not read")
-        unknown = bool(it.course.unknown) and not it.course.muted
+        unknown = bool(it.course.unknown) and not it.course.suspended
         if state.printer and state.motion == 1.0 and unknown and ("E" not in values or not it.log.waypoints):
             it.note(HOMING_NOTE)
             it.course.rapid(*it.motion.target(block))
@@ -265,7 +265,7 @@ class Rs274:
             raise InputError("a cut to Z with the tool's length cancelled (H0, G49): the tip's place is not known")
         self.it.note("Z of a block that cancels the tool's length (H0, G49) is left out: it is no place in the part")
         course.retreat()
-        course.lose([2])
+        course.mark_unknown([2])
         del block.values["Z"]
         course.rapid(*self.it.motion.target(block))
 
@@ -298,7 +298,7 @@ class Rs274:
     def probe(self, block: CncBlock, code: float) -> None:
         """G31, G38: probing; G29: bed levelling of printers."""
         self.it.note(f"G{code:g} (probing) is left out; where it ended is not known")
-        self.it.course.lose(block.list_axes() or range(3))
+        self.it.course.mark_unknown(block.list_axes() or range(3))
 
     def set_polar(self, block: CncBlock, code: float) -> None:
         """G15, G16: end or begin polar coordinates, X radius, Y angle; by default those of the tool position."""
@@ -338,12 +338,12 @@ G_CODES: dict[float | str, Code] = {
     28.0: HOME, 30.0: HOME, 52.0: Code(lambda dialect, block, code: dialect.origins.shift(block), 2, "once"),
     92.0: Code(lambda dialect, block, code: dialect.origins.declare(block), 2, "once"),
     92.1: DROP, 92.2: DROP, 92.3: DROP,
-    50.0: Code(lambda dialect, block, code: dialect.it.put(scale=None), 2, "once"),
+    50.0: Code(lambda dialect, block, code: dialect.it.set_frames(scale=None), 2, "once"),
     51.0: Code(lambda dialect, block, code: dialect.origins.scale(block), 2, "once"),
     50.1: MIRROR, 51.1: MIRROR, 53.1: TO_PLANE, 53.6: TO_PLANE, 254.0: DYNAMIC, 255.0: DYNAMIC,
     68.0: Code(lambda dialect, block, code: dialect.origins.rotate(block), 2, "once"),
     68.2: Code(lambda dialect, block, code: dialect.origins.tilt(block), 2, "once"),
-    69.0: Code(lambda dialect, block, code: dialect.it.put(rotation=None, plane=None), 2, "once"),
+    69.0: Code(lambda dialect, block, code: dialect.it.set_frames(rotation=None, plane=None), 2, "once"),
     # compensation and probing
     **dict.fromkeys((43.0, 43.4, 43.5, 44.0, 49.0, 234.0), Code(Rs274.compensate_length)),
     43.1: note(LENGTH_NOTE, "once"), 22.0: note("limits of the working space (G22) are not read", "once"),

@@ -228,7 +228,7 @@ class Klartext:
 
     def _set_unit(self, scale: float) -> None:
         self.words.unit = scale
-        self.it.put(unit=stretch(scale, scale, scale) if scale != 1.0 else None)
+        self.it.set_frames(unit=stretch(scale, scale, scale) if scale != 1.0 else None)
         self.words.set_feed_scale()
 
     def _assign(self, text: str) -> None:
@@ -271,7 +271,7 @@ class Klartext:
         """TCH PROBE: left out; the position at its end is unknown."""
         self.it.note("probing (TCH PROBE) is left out; where it ended is not known")
         self.it.contour.refuse_open()
-        self.it.course.lose()
+        self.it.course.mark_unknown()
 
     def run_functions(self, text: str, *, stops: bool = False) -> None:
         """M functions without a move, or after STOP."""

@@ -180,22 +180,22 @@ class Sinumerik:
             it.call(f"L{values.pop('L'):g}", values.pop("P", 1.0))
         if len(MOTIONS.intersection(block.codes)) > 1:
             raise InputError("two motions stand in one block, expected one")
-        takes = it.run_words(block, (*block.codes, *names), find_word)
+        coordinate_use = it.run_words(block, (*block.codes, *names), find_word)
         if block.machine or 4.0 in block.codes or "S" in values or "T" in values:
             it.machine.start(block, it.flow.line)
-        if values and self._move(block, takes) and self.cycles.modal:
+        if values and self._move(block, coordinate_use) and self.cycles.modal:
             self.cycles.drill(*self.cycles.modal)
         for called, arguments in block.calls:
             if called == "TRAORI":
                 it.control_tip(True)
             elif called == "CYCLE800":
                 swivel(it, [0.0 if not text or text[0] == '"' else self.evaluate(text) for text in arguments])
-                it.course.aim(self.point_square(it.state.plane))
+                it.course.set_tool_axis(self.point_square(it.state.plane))
             elif not self.cycles.run(called, arguments, modal=modal):
                 self._call(called, arguments, values.get("P", 1.0))
         return it.machine.stop(block.machine, it.flow.line)
 
-    def _move(self, block: CncBlock, takes: str) -> bool:
+    def _move(self, block: CncBlock, coordinate_use: str) -> bool:
         """Execute the motion of a block; return whether it moves the tool."""
         it, state, values = self.it, self.it.state, block.values
         for address in values:
@@ -205,9 +205,9 @@ class Sinumerik:
             state.rounding = values["RNDM"] * state.scale
         if "F" in values and 4.0 not in block.codes:
             state.set_feed(values["F"])
-        if takes == "once" or not block.has(MOVING):
+        if coordinate_use == "once" or not block.has(MOVING):
             return False
-        if takes == "machine":
+        if coordinate_use == "machine":
             for letter in "ABC":
                 if abs(values.get(letter, 0.0)) > 0.5 * lexer.ELSEWHERE:
                     raise InputError(f"{letter} of a move in machine coordinates is not known; write its angle")
@@ -249,7 +249,7 @@ class Sinumerik:
         """G17 to G19: set the working plane."""
         self.it.state.plane = int(code)
         if not self.it.state.tip_control:
-            self.it.course.aim(self.square())
+            self.it.course.set_tool_axis(self.square())
 
     def set_unit(self, block: CncBlock, code: float) -> None:
         """G70, G71 (lengths alone), G700, G710 (feeds as well): inches or millimetres."""

@@ -196,7 +196,7 @@ def _find_start(it: Interpreter, axis: int, stated: float | None = None) -> floa
     if state.cycle_start is None:
         known = it.course.level_of_height() if axis == 2 else None
         known = state.cycle.get("R", stated) if known is None else known
-        if known is None and not it.course.muted:
+        if known is None and not it.course.suspended:
             raise InputError("a drilling cycle begins where the height of the tool is not known and states no level R; "
                              "let a rapid move (G0) to a height come first")  # fmt: skip
         state.cycle_start = it.course.position[axis] if known is None else known
@@ -209,7 +209,7 @@ def _run_hole(it: Interpreter, code: float, target: Point, named: tuple[int, ...
     start = _find_start(it, axis)
     clear, bottom = words.get("R", start), words[AXES[axis]]
     level = max(start if course.unknown.get(axis) else course.position[axis], clear)
-    course.settle((axis,))
+    course.mark_known((axis,))
     if level > course.position[axis] and not course.unknown:
         course.rapid(set_level(course.position, axis, level))
     course.rapid(set_level(target, axis, level), named)
@@ -222,7 +222,7 @@ def _run_hole(it: Interpreter, code: float, target: Point, named: tuple[int, ...
     )  # fmt: skip
     first = words.get("I", words.get("Q", 0.0))  # Haas: I, reduced by J down to K
     pecks = it.options.cycles == "expand" and code in (73.0, 83.0) and first > 0.0 and bottom < clear
-    if pecks and not course.muted:
+    if pecks and not course.suspended:
         it.note(PECK_NOTE)
         less, least = (words.get("J", 0.0), words.get("K", first)) if "I" in words else (0.0, first)
         hole.pecks = list_pecks(clear, bottom, first, less, least)

@@ -79,7 +79,7 @@ class HeidenhainCycles:
             if found.group(2) is None:
                 raise InputError(f"CYCL DEF {number} in one block is not read, expected {number}.0 and {number}.1 ..")
             if part == 0 and number == 8:
-                self.it.put(mirror=None)
+                self.it.set_frames(mirror=None)
             elif part and (rest or number in (8, 19)):
                 self.frames[number](rest)
         elif number == 247:
@@ -241,7 +241,7 @@ class HeidenhainCycles:
             new[axis] = self.value(text) + (new[axis] if step else 0.0)
         if any(new):
             self._refuse_within("a datum shift", "mirror", "rotation")
-        self.it.put(**{name: shift(new[0], new[1], new[2]) if any(new) else None})
+        self.it.set_frames(**{name: shift(new[0], new[1], new[2]) if any(new) else None})
 
     def run_trans(self, rest: str) -> None:
         """TRANS DATUM: datum shift as in cycle 7."""
@@ -270,7 +270,7 @@ class HeidenhainCycles:
         if letters:
             self._refuse_within("a mirror", "rotation")
         x, y, z = (-1.0 if letter in letters else 1.0 for letter in AXES)
-        self.it.put(mirror=stretch(x, y, z) if letters else None)
+        self.it.set_frames(mirror=stretch(x, y, z) if letters else None)
 
     def _rotate(self, rest: str) -> None:
         """Execute cycle 10 (rotation)."""
@@ -283,14 +283,14 @@ class HeidenhainCycles:
 
     def _turn(self) -> None:
         """Activate the rotation about the tool axis."""
-        self.it.put(rotation=rotate(self.words.tool_axis, self.turned) if self.turned else None)
+        self.it.set_frames(rotation=rotate(self.words.tool_axis, self.turned) if self.turned else None)
 
     def _scale(self, rest: str) -> None:
         """Execute cycle 11 (scaling factor)."""
         scale = self.value(match_form(rf"SCL\s*({VALUE})", rest, "scale: SCL and a factor").group(1))
         if not 1e-6 <= scale <= 100.0:
             raise InputError(f"scale {rest[:20]!r} is not read, expected 0.000001 to 100")
-        self.it.put(scale=stretch(scale, scale, scale) if scale != 1.0 else None)
+        self.it.set_frames(scale=stretch(scale, scale, scale) if scale != 1.0 else None)
 
     def _tilt(self, rest: str) -> None:
         """Execute cycle 19 (working plane) with spatial angles; refuse it unless `tilt_angles` confirms them."""
@@ -310,7 +310,7 @@ class HeidenhainCycles:
             self.words.forget(name, "the machine works it out from the tilted plane")
         if tilt.plain:
             self.words.values.update(dict.fromkeys(TILT_ANGLES, 0.0))
-        self.it.put(plane=None if tilt.plain else tilt)
+        self.it.set_frames(plane=None if tilt.plain else tilt)
         self.point_tool()
 
     def use_axis(self) -> None:
@@ -322,7 +322,7 @@ class HeidenhainCycles:
         """Orient the tool along the tool axis of the active plane."""
         axis = self.tilt.turn(PLANE_NORMALS[self.it.state.plane])
         if axis != self.it.log.axis:
-            self.it.course.aim(axis)
+            self.it.course.set_tool_axis(axis)
 
     def run_plane(self, rest: str) -> None:
         """Execute PLANE .. ."""
