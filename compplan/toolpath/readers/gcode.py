@@ -19,7 +19,7 @@ from compplan.toolpath.readers.cnc.flow import END, CncProgram, Flow
 from compplan.toolpath.readers.cnc.interpreter import COMMON, MOTIONS, Code, Interpreter, ignore, note, refuse, set_mode
 from compplan.toolpath.readers.cnc.motion import CENTRES, CORNERS, MOST_TURNS, PLAIN, STRAIGHT
 from compplan.toolpath.readers.cnc.origins import Origins
-from compplan.toolpath.readers.cnc.rs274_lexer import LENGTHS, PLACING, Lexer, owns_words
+from compplan.toolpath.readers.cnc.rs274_lexer import LENGTHS, WITH_COORDINATES, Lexer, owns_words
 from compplan.toolpath.readers.cnc.rs274_macro import Macros
 from compplan.toolpath.readers.cnc.state import INCH, CncBlock, State
 from compplan.toolpath.readers.lines import split_lines
@@ -200,9 +200,9 @@ class Rs274:
         machine, it = block.machine, self.it
         owner = next((code for code in machine if owns_words(code)), None)
         if not block.codes and block.has(PLACES):
-            doubtful = [code for code in machine if code not in PLACING and (owns_words(code) or code >= 200.0)]
-            if doubtful:
-                raise InputError(f"M{doubtful[0]:g} with coordinates and no G code: whose they are is not known; "
+            unclear = [code for code in machine if code not in WITH_COORDINATES and (owns_words(code) or code >= 200.0)]
+            if unclear:
+                raise InputError(f"M{unclear[0]:g} with coordinates and no G code: whose they are is not known; "
                                  "write the motion code (G0, G1) into the block")  # fmt: skip
         if owner is None:
             return False
@@ -281,7 +281,7 @@ class Rs274:
     def use_haas_offset(self, block: CncBlock, code: float) -> None:
         """G110 to G129: a work offset of Haas; on other controls a move."""
         if block.has(MOVING) and MOTIONS.isdisjoint(block.codes):
-            self.it.pass_over(block, code)
+            self.it.skip_unknown(block, code)
         self.origins.use(code + 1000.0 - 109.0)
 
     def set_dynamic_offset(self, block: CncBlock, code: float) -> None:
@@ -314,7 +314,7 @@ REFUSED = {
     "workpiece setting errors": (54.4,),
 }  # fmt: skip
 PROBE, POLAR = Code(Rs274.probe, 2, "once"), Code(Rs274.set_polar)
-DROP = Code(lambda dialect, block, code: dialect.origins.drop(code), 2, "once")
+DROP = Code(lambda dialect, block, code: dialect.origins.cancel_shift(code), 2, "once")
 HOME = Code(lambda dialect, block, code: dialect.origins.go_home(code, block), 2, "once")
 MIRROR = Code(lambda dialect, block, code: dialect.origins.mirror(code, block), 2, "once")
 TO_PLANE = Code(lambda dialect, block, code: dialect.origins.turn_to_plane(code, stays=code == 53.6), 2, "once")
@@ -336,7 +336,7 @@ G_CODES: dict[float | str, Code] = {
     **dict.fromkeys(HAAS_OFFSETS, Code(Rs274.use_haas_offset)),
     10.0: Code(lambda dialect, block, code: dialect.origins.set_offset(block), 2, "once"),
     28.0: HOME, 30.0: HOME, 52.0: Code(lambda dialect, block, code: dialect.origins.shift(block), 2, "once"),
-    92.0: Code(lambda dialect, block, code: dialect.origins.declare(block), 2, "once"),
+    92.0: Code(lambda dialect, block, code: dialect.origins.set_position(block), 2, "once"),
     92.1: DROP, 92.2: DROP, 92.3: DROP,
     50.0: Code(lambda dialect, block, code: dialect.it.set_frames(scale=None), 2, "once"),
     51.0: Code(lambda dialect, block, code: dialect.origins.scale(block), 2, "once"),

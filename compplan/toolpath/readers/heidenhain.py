@@ -295,7 +295,7 @@ class Klartext:
         it, state = self.it, self.it.state
         block = self.words.read(re.sub(r"\([^()]*\)$", "", rest))
         with self.words.functions(block) as codes:
-            rapid = self.words.take_modes(block)
+            rapid = self.words.set_modes(block)
             if codes & {91.0, 92.0}:
                 it.leave_out_machine_move(block, "M91, M92")
             else:
@@ -373,7 +373,7 @@ class Klartext:
             raise InputError("CYCL CALL PAT, and no pattern that is read is defined")
         block = self.words.read(words.removeprefix("PAT").removeprefix("POS"))
         with self.words.functions(block) as codes:
-            self.words.take_modes(block)
+            self.words.set_modes(block)
             at_place = words.startswith("POS")
             for place in self.points if pattern else [self.it.motion.target(block)[0] if at_place else None]:
                 self.cycles.call(place)

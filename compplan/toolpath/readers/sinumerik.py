@@ -97,7 +97,7 @@ class Sinumerik:
         self.values = lexer.SinumerikBlocks(self.it)
         self.evaluate = self.values.evaluate
         self.flow = SinumerikFlow(self.it, self.values)
-        self.cycles = SinumerikCycles(self.it, self.evaluate, self.ask_for_unit)
+        self.cycles = SinumerikCycles(self.it, self.evaluate, self.check_unit)
 
     def run(self, text: str) -> None:
         """Execute the first main program of a file."""
@@ -118,7 +118,7 @@ class Sinumerik:
         self.it.note("A B C in a swivelled plane position the rotary axes as the plane asks: its axis is taken")
         return True, None
 
-    def ask_for_unit(self, lengths: Iterable[float | None]) -> None:
+    def check_unit(self, lengths: Iterable[float | None]) -> None:
         """Refuse non-zero lengths if neither the program so far nor the options state their unit."""
         if not self.it.state.unit_stated and self.it.options.unit is None and any(lengths):
             raise refuse_unit(NO_UNIT)
@@ -162,7 +162,7 @@ class Sinumerik:
             if len(names) > 1 or block.codes or block.calls:
                 raise InputError(f"{frame} stands in a block with other words, expected it alone")
             if frame.endswith("TRANS"):
-                self.ask_for_unit(values.get(letter) for letter in AXES)
+                self.check_unit(values.get(letter) for letter in AXES)
             change_frame(it, frame, block)
             return False
         modal = "MCALL" in names
@@ -209,11 +209,11 @@ class Sinumerik:
             return False
         if coordinate_use == "machine":
             for letter in "ABC":
-                if abs(values.get(letter, 0.0)) > 0.5 * lexer.ELSEWHERE:
+                if abs(values.get(letter, 0.0)) > 0.5 * lexer.UNKNOWN_VALUE:
                     raise InputError(f"{letter} of a move in machine coordinates is not known; write its angle")
             it.leave_out_machine_move(block, "SUPA, G53, G153, G74, G75")
             return False
-        self.ask_for_unit(values.get(name) for name in LENGTHS)
+        self.check_unit(values.get(name) for name in LENGTHS)
         if not self.stated and not it.log.waypoints:
             it.note("coordinates before any G0 or G1 are read as G1")
         if state.motion in (0.0, 1.0):

@@ -232,8 +232,8 @@ def _run_hole(it: Interpreter, code: float, target: Point, named: tuple[int, ...
 class SinumerikCycles:
     """Drilling cycles of Sinumerik programs: CYCLE81 to 89 and 840, MCALL, HOLES1, HOLES2, CYCLE801."""
 
-    def __init__(self, it: Interpreter, evaluate: Callable[[str], float], ask_for_unit: Callable[..., None]) -> None:
-        self.it, self.evaluate, self.ask_for_unit = it, evaluate, ask_for_unit
+    def __init__(self, it: Interpreter, evaluate: Callable[[str], float], check_unit: Callable[..., None]) -> None:
+        self.it, self.evaluate, self.check_unit = it, evaluate, check_unit
         #: Cycle that is called at every following position (MCALL).
         self.modal: tuple[str, Numbers] | None = None
 
@@ -262,7 +262,7 @@ class SinumerikCycles:
         """
         it, scale = self.it, self.it.state.scale
         it.contour.refuse_open()
-        self.ask_for_unit(numbers[:5])
+        self.check_unit(numbers[:5])
         rtp, rfp, sdis, dp, dpr = (None if number is None else number * scale for number in numbers[:5])
         if rtp is None or (dp is None and not dpr):
             raise InputError(f"{called} states no retract plane or no depth, expected RTP, RFP, SDIS, DP, DPR")

@@ -298,9 +298,9 @@ class HeidenhainCycles:
         if any(angles.values()) and self.it.options.axes.tilt_angles != "spatial":
             raise InputError("cycle 19 states spatial angles on some machines, angles of rotary axes on others: say "
                              'tilt_angles = "spatial" in NAME.toml of [cam] machine, or use PLANE SPATIAL')  # fmt: skip
-        self._stand(find_spatial(*(angles.get(letter, 0.0) for letter in "ABC")))
+        self._set_tilt(find_spatial(*(angles.get(letter, 0.0) for letter in "ABC")))
 
-    def _stand(self, tilt: Frame) -> None:
+    def _set_tilt(self, tilt: Frame) -> None:
         """Activate a tilted plane, or cancel it."""
         self.it.contour.refuse_open()
         if tilt == self.tilt:
@@ -332,7 +332,7 @@ class HeidenhainCycles:
         if NAMED.sub("", words).strip():
             raise InputError(f"PLANE {rest[:40]!r} is not read, {NAMED.sub('', words).strip()[:20]!r} is not known")
         try:
-            self._stand(self._find_plane(kind, numbers))
+            self._set_tilt(self._find_plane(kind, numbers))
         except KeyError as missing:
             raise InputError(f"PLANE {kind} has no {missing.args[0]}") from None
 

@@ -260,7 +260,7 @@ class KlartextWords:
         with self.functions(block):
             pass
 
-    def take_modes(self, block: CncBlock) -> bool:
+    def set_modes(self, block: CncBlock) -> bool:
         """Set contour side and feed of a block; return whether it is rapid."""
         state, values = self.it.state, block.values
         for word in ("R0", "RL", "RR", "R+", "R-"):

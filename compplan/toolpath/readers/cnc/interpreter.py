@@ -127,13 +127,13 @@ class Interpreter:
         found = [((entry.rank if (entry := find(word)) else 0, isinstance(word, str), word), entry) for word in words]
         for (_, _, word), entry in sorted(found, key=lambda item: item[0]) if len(found) > 1 else found:
             if entry is None:
-                self.pass_over(block, word)
+                self.skip_unknown(block, word)
                 continue
             entry.run(self.dialect, block, word)
             use = entry.coordinate_use if entry.coordinate_use == "machine" else use or entry.coordinate_use
         return use
 
-    def pass_over(self, block: CncBlock, word: float | str) -> None:
+    def skip_unknown(self, block: CncBlock, word: float | str) -> None:
         """Note an unknown G code; refuse it if it may use the coordinates of the block, and refuse any other word."""
         name = word[:24] if isinstance(word, str) else f"G{word:g} with coordinates"
         if isinstance(word, str) or (block.has(self.dialect.moving) and MOTIONS.isdisjoint(block.codes)):

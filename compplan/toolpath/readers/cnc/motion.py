@@ -114,7 +114,7 @@ class MotionReader:
         for axis, letter in enumerate(AXES):
             if letter in values:
                 number = values[letter] * state.scale
-                if state.counts_on(block, letter):
+                if state.is_incremental(block, letter):
                     point[axis] += number
                 else:
                     point[axis] = number
@@ -132,7 +132,7 @@ class MotionReader:
                 if address not in values:
                     state.polar_words.setdefault(address, now[address])
                 else:
-                    base = now[address] if state.counts_on(block, address) else 0.0
+                    base = now[address] if state.is_incremental(block, address) else 0.0
                     state.polar_words[address] = values[address] + base
             radius, angle = state.polar_words["RP"] * state.scale, math.radians(state.polar_words["AP"])
             point[first] = pole[first] + radius * math.cos(angle)
@@ -274,7 +274,7 @@ class MotionReader:
             middle = list(start)
             for axis, letter in enumerate(MIDDLES):
                 if letter in values:
-                    base = start[axis] if state.counts_on(block, letter) else 0.0
+                    base = start[axis] if state.is_incremental(block, letter) else 0.0
                     middle[axis] = values[letter] * state.scale + base
             arc = find_arc(start, (middle[0], middle[1], middle[2]), target)
             centre, normal, right_hand = arc.centre, arc.normal, arc.sweep > 0.0

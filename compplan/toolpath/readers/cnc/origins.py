@@ -150,7 +150,7 @@ class Origins:
         self.shifted = shifted[0], shifted[1], shifted[2]
         self.it.set_frames(origin=shift(*self.zero))
 
-    def declare(self, block: CncBlock) -> None:
+    def set_position(self, block: CncBlock) -> None:
         """Set the coordinates of the current position (G92).
 
         Unknown coordinates of the tool become known; for known ones the origin moves, before and after the first cut.
@@ -176,7 +176,7 @@ class Origins:
         self.origin = self.kept = (origin[0], origin[1], origin[2])
         self.it.set_frames(origin=shift(*self.zero))
 
-    def drop(self, code: float) -> None:
+    def cancel_shift(self, code: float) -> None:
         """Execute G92.1 and G92.2, which cancel the shift of G92, and G92.3, which restores it after G92.2."""
         if code == 92.3 and self.kept is None:
             raise InputError("G92.3 brings back an offset from before this program, which is not known; set it by G92")

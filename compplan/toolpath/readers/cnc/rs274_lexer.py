@@ -93,7 +93,7 @@ OWNERS = frozenset(float(code) for code in (
     871, 876, 900, *range(906, 920), 928, 951, 993, 994, 995, 997, 999, 1000, 1002, 1006,
 ))  # fmt: skip
 #: M codes among them whose words include X Y Z.
-PLACING = frozenset(float(code) for code in (
+WITH_COORDINATES = frozenset(float(code) for code in (
     92, 122, 125, *range(200, 230), 301, 303, 304, 350, 351, 420, 425, 540, 558, 566, 569, 574, 579, 584, 593, 665, 666,
     669, 671, 672, 851, 852, 871, 900, *range(906, 920), 951, 1006,
 ))  # fmt: skip

@@ -112,7 +112,7 @@ class State:
             return self.feed * self.spindle / 60.0 if self.spindle > 0.0 else None
         return self.feed / 60.0
 
-    def counts_on(self, block: CncBlock, address: str) -> bool:
+    def is_incremental(self, block: CncBlock, address: str) -> bool:
         """Return whether a number of a block is incremental."""
         return address in block.relative or (self.incremental and address not in block.absolute)
 
@@ -120,7 +120,7 @@ class State:
         """Update the angles of rotary axes with those of a block."""
         for letter in LETTERS:
             if letter in block.values:
-                base = angles.get(letter, 0.0) if self.counts_on(block, letter) else 0.0
+                base = angles.get(letter, 0.0) if self.is_incremental(block, letter) else 0.0
                 angles[letter] = block.values[letter] + base
 
     def centre(self, start: Point, block: CncBlock, plane: int) -> Point:
