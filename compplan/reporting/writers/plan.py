@@ -206,7 +206,7 @@ def predict_rows(plan: Plan) -> Array:
     wrench = np.vstack([plan.approach.wrench, task.wrench, plan.retract.wrench])
     if task.law is None or task.law.learned is None:
         return wrench
-    return task.law.learned.undo(wrench, task.law.T_base_part[:3, :3])
+    return task.law.learned.invert(wrench, task.law.T_base_part[:3, :3])
 
 
 def _list_times(plan: Plan) -> Array:
