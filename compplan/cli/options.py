@@ -88,10 +88,10 @@ def make_job_command(
             **values: Any,
         ) -> CommandResult:
             from compplan.job.job import load_job
-            from compplan.job.operations import settle_job
+            from compplan.job.operations import require_single_operation
 
             checked = load_job(job, robot_instead, changes)
-            return function(job=checked if several else settle_job(checked), **values)
+            return function(job=checked if several else require_single_operation(checked), **values)
 
         return make_command(argument, *options, changes, epilog=epilog)(run)
 

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.controllers.writers.joint_convention import believed_robot
+from compplan.controllers.writers.joint_convention import controller_robot
 from compplan.effects.attained import attain_with_effects
 from compplan.effects.transmission_error import weigh_joints
 from compplan.planning.posture.summary import Start
@@ -118,7 +118,7 @@ class PlanTask:
     @cached_property
     def q_uncorrected(self) -> Array:
         """Joint positions of the uncorrected program, by the geometry of the controller. Shape (n, nq). [rad or m]"""
-        believed = self.robot if self.touched is None else believed_robot(self.robot)
+        believed = self.robot if self.touched is None else controller_robot(self.robot)
         arm = None if believed is self.robot else build_arm(believed)
         if arm is None or len(arm.arm) < 6:
             return self.q_start

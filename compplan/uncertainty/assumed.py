@@ -78,7 +78,7 @@ def free_base(before: Robot, known: Uncertainty) -> Uncertainty:
     for unknown, width in hidden:
         known = _add(known, replace(unknown, deviation=width / known.calibration))
     how = "assumed" if before.uncertainty is None else "as before"
-    said = f"zero and place of {before.actuated[0].name} {how}: not told by the log, frame or places are fitted"
+    said = f"zero and place of {before.actuated[0].name} {how}: not determined by this log"
     return replace(known, source=f"{known.source}; {said}") if hidden else known
 
 

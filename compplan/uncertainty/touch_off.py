@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from compplan.controllers.writers.joint_convention import believed_robot
+from compplan.controllers.writers.joint_convention import controller_robot
 from compplan.effects.attained import TRANSIENT, attain_with_effects, rest_robot
 from compplan.effects.forward_model import ForwardModel
 from compplan.job.job import Job
@@ -103,7 +103,7 @@ def touch_part(robot: Robot, path: Toolpath, rotation: Array, q: Array, touch: T
     points = pick_corners((path.position[cut] - origin) @ turn) if touch.points is None else touch.points
     points = points @ turn.T + origin
     row = cut[np.linalg.norm(path.position[cut] - points[:, None], axis=2).argmin(axis=1)]
-    believed = believed_robot(robot)
+    believed = controller_robot(robot)
     points, found = _reach_points(believed, points, path.position[row], rotation[row], q[row])
     return TouchedPart(robot, found, points, _find_displacement(robot, believed, found))
 
