@@ -129,7 +129,7 @@ def _plain(table: Any) -> dict[str, Any]:
     return dict(table) if isinstance(table, Mapping) else {}
 
 
-def take_robot(robot: str | Path | Robot, tool: Table | None = None) -> Robot:
+def load_with_tool(robot: str | Path | Robot, tool: Table | None = None) -> Robot:
     """Return a robot with its mounted tool.
 
     Args:
@@ -151,11 +151,11 @@ def take_robot(robot: str | Path | Robot, tool: Table | None = None) -> Robot:
 def make_post_job(
     camfile: str | Path, *, robot: str | Path | None, part: Table | Sequence[float] | None,
     program: str | Sequence[str], profile: str | Path | None, tools: Table | Sequence[Mapping[str, Any]] | None,
-    stands_in: Path, **tables: Table | None,
+    job_file: Path, **tables: Table | None,
 ) -> Job:  # fmt: skip
     """Make the job for a call of `post`; arguments as there, `tables` by their names in a job.
 
-    `stands_in` is the path of the assumed job file; relative paths refer to its folder.
+    `job_file` is the path of the assumed job file; relative paths refer to its folder.
 
     Raises:
         InputError: If a table is not valid.
@@ -181,7 +181,7 @@ def make_post_job(
     if tools is not None:
         key, value = read_tools(tools)
         data[key] = value
-    return check_job(data, stands_in)
+    return check_job(data, job_file)
 
 
 def read_tools(tools: Table | Sequence[Mapping[str, Any]]) -> tuple[str, Any]:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from compplan.api.given import take_robot
+from compplan.api.given import load_with_tool
 from compplan.diagnosis.data.plausibility import check_plausibility
 from compplan.errors import InputError
 from compplan.measurement.campaign import Campaign
@@ -31,7 +31,7 @@ def read_measured(
     Raises:
         InputError: If a file or the offset is not valid.
     """
-    mounted, campaign = take_robot(robot, tool), measurements
+    mounted, campaign = load_with_tool(robot, tool), measurements
     if not isinstance(campaign, Campaign):
         campaign = read_campaign(
             measurements, mounted, None if instrument is None else read_instrument(Path(instrument))
@@ -54,7 +54,7 @@ def choose_frames(register: Sequence[str], campaign: Campaign) -> tuple[str, ...
     return tuple(register) or (("tool",) if unknown else ())
 
 
-def settle_questions(robot: Robot, campaign: Campaign, register: Sequence[str], assume_ok: bool) -> list[str]:
+def resolve_questions(robot: Robot, campaign: Campaign, register: Sequence[str], assume_ok: bool) -> list[str]:
     """Return the plausibility questions about a log before a fit, as sentences, if they are assumed to be answered.
 
     Raises:

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 Progress = Callable[[str], None]
 
 
-def _say_nothing(text: str) -> None:
+def _no_progress(text: str) -> None:
     return None
 
 
@@ -50,7 +50,7 @@ class Posted:
 
 def plan(
     job: Any, *, robot: str | Path | Robot | None = None, out: str | Path | None = None,
-    progress: Progress = _say_nothing, **tables: Any,
+    progress: Progress = _no_progress, **tables: Any,
 ) -> Plan:  # fmt: skip
     """Plan a path: posture, corrected joint positions and their times, with an independent check.
 
@@ -74,11 +74,11 @@ def plan(
     Raises:
         InputError: If job, path or robot are not valid, or the part is out of reach.
     """
-    from compplan.job.operations import settle_job
+    from compplan.job.operations import require_single_operation
     from compplan.planning.plan import plan_job
     from compplan.reporting.writers.plan import deliver_plan, note_programs
 
-    result = note_programs(plan_job(settle_job(make_job(job, robot, tables)), progress=progress))
+    result = note_programs(plan_job(require_single_operation(make_job(job, robot, tables)), progress=progress))
     if out is not None:
         result, _ = deliver_plan(result, out)
     return result
@@ -115,12 +115,12 @@ def post(
     folder = Path("out" if out is None else out)
     job = make_post_job(
         camfile, robot=robot, part=part, program=program, profile=profile, tools=tools, tool=tool, process=process,
-        cam=cam, plan=plan, output=output, stands_in=folder.absolute() / f"{Path(camfile).stem}.toml",
+        cam=cam, plan=plan, output=output, job_file=folder.absolute() / f"{Path(camfile).stem}.toml",
     )  # fmt: skip
     return plan_operations(job, folder)
 
 
-def plan_operations(job: Job, folder: Path, note: str = "", progress: Progress = _say_nothing) -> Posted:
+def plan_operations(job: Job, folder: Path, note: str = "", progress: Progress = _no_progress) -> Posted:
     """Plan a job, one plan for each of its tools, and write the results; `note` is added to the first plan."""
     from compplan.job.operations import split_job
     from compplan.planning.checks import state_notes
@@ -144,7 +144,7 @@ def plan_operations(job: Job, folder: Path, note: str = "", progress: Progress =
 
 def compare(
     job: Any, *, robot: str | Path | Robot | None = None, out: str | Path | None = None,
-    progress: Progress = _say_nothing, **tables: Any,
+    progress: Progress = _no_progress, **tables: Any,
 ) -> Comparison:  # fmt: skip
     """Compare all strategies on a path: their deviations on the robot as modelled, and on robots with model errors.
 
@@ -164,11 +164,11 @@ def compare(
     Raises:
         InputError: If job, path or robot are not valid, or the part is out of reach.
     """
-    from compplan.job.operations import settle_job
+    from compplan.job.operations import require_single_operation
     from compplan.reporting.compare import write_comparison
     from compplan.studies.job_study import compare_job
 
-    result = compare_job(settle_job(make_job(job, robot, tables)), announce=progress)
+    result = compare_job(require_single_operation(make_job(job, robot, tables)), announce=progress)
     if out is not None:
         write_comparison(result, out)
     return result
@@ -221,7 +221,7 @@ def diagnose_measured(
     progress: Progress, self_test: bool = False, **measured: Any,
 ) -> tuple[Diagnosis, list[str]]:  # fmt: skip
     """Diagnose as `diagnose` does, with a check of the log for a self-test; also return the assumed answers."""
-    from compplan.api.measured import choose_frames, read_measured, settle_questions
+    from compplan.api.measured import choose_frames, read_measured, resolve_questions
     from compplan.diagnosis.campaign_diagnosis import diagnose_campaign
     from compplan.diagnosis.self_test import check_self_test
     from compplan.effects import EFFECTS
@@ -235,7 +235,7 @@ def diagnose_measured(
         check_self_test(campaign)
     frames = choose_frames(register, campaign)
     progress("questions")
-    questions = settle_questions(mounted, campaign, frames, assume_ok)
+    questions = resolve_questions(mounted, campaign, frames, assume_ok)
     return diagnose_campaign(mounted, campaign, register=frames, without=without, progress=progress), questions
 
 
@@ -243,7 +243,7 @@ def learn(
     job: Any, measured: Any, robot: str | Path | Robot, *, frame: Literal["part", "base"] = "part",
     align: Literal["datum", "best_fit"] | None = None, sigma_mm: float | None = None,
     instrument: str | Path | None = None, mesh: str | Path | None = None, reach_mm: float | None = None,
-    assume_ok: bool = False, out: str | Path | None = None, progress: Progress = _say_nothing,
+    assume_ok: bool = False, out: str | Path | None = None, progress: Progress = _no_progress,
 ) -> LearnedPart:  # fmt: skip
     """Learn from measured points of a cut part: the corrected program of the next part, and the updated robot model.
 

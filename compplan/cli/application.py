@@ -49,7 +49,7 @@ COMMANDS = {
     "execute": "what the robot's controller makes of a program",
     "trace": "what a controller made of programs, identified from logs",
     "reproduce": "the figures of a paper beside ours",
-    "place": "where the part should stand",
+    "place": "where to place the part",
     "forces": "engagement and force along the path, and which coefficients fit a measured log",
     "view": "a plan in the browser, on this machine alone",
     "init": "write a commented job, a robot folder from a URDF, or an empty measurement log",
@@ -154,19 +154,19 @@ def run_words(words: list[str]) -> int:
         with record_inputs():
             status = group.main(words, standalone_mode=False)
     except (KeyboardInterrupt, click.Abort):
-        _complain("interrupted")
+        _print_error("interrupted")
         return 130
     except Exception as error:
         if DEBUG in os.environ:
             traceback.print_exc()
         if _received:  # an import interrupted by SIGTERM may raise another error instead of the exit
             return 128 + _received[0]
-        _complain(f"error: {describe_fault(error)}")
+        _print_error(f"error: {describe_fault(error)}")
         return error.exit_status if isinstance(error, CompplanError) else 2
     return status if isinstance(status, int) else 0
 
 
-def _complain(text: str) -> None:
+def _print_error(text: str) -> None:
     with suppress(OSError):
         click.echo(text, err=True)
 

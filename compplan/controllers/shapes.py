@@ -170,28 +170,28 @@ def find_arc(start: Array, via: Array, end: Array) -> MoveArc | None:
 
 
 def send_speeds(
-    step: Array, lasts: Array, stops: NDArray[np.bool_], corners: NDArray[np.bool_], asked: Array | None
+    step: Array, duration: Array, stops: NDArray[np.bool_], corners: NDArray[np.bool_], cam_feed: Array | None
 ) -> Array:
     """Return the speed that is sent for the move to each row; the controller adds ramps from rest and to stops.
 
     Args:
         step: Distance to each row. Shape (n,). [mm]
-        lasts: Duration of each step. Shape (n,). [s]
+        duration: Duration of each step. Shape (n,). [s]
         stops: Rows where the tool stops. Shape (n,).
         corners: Rows that are corners with a blend zone. Shape (n,).
-        asked: Feed of the CAM file; without it the speed is not levelled along short legs. Shape (n,). [mm/s]
+        cam_feed: Feed of the CAM file; without it the speed is not levelled along short legs. Shape (n,). [mm/s]
 
     Returns:
         Shape (n,). [mm/s]
     """
-    speed = step / np.maximum(lasts, 1e-9)
-    if asked is not None:
-        speed = _level_legs(speed, lasts, stops, corners, asked)
-    return _leave_ramps(speed, lasts, stops | corners)
+    speed = step / np.maximum(duration, 1e-9)
+    if cam_feed is not None:
+        speed = _level_legs(speed, duration, stops, corners, cam_feed)
+    return _leave_ramps(speed, duration, stops | corners)
 
 
 def _level_legs(
-    speed: Array, lasts: Array, stops: NDArray[np.bool_], corners: NDArray[np.bool_], asked: Array
+    speed: Array, duration: Array, stops: NDArray[np.bool_], corners: NDArray[np.bool_], cam_feed: Array
 ) -> Array:
     """Return speeds that are constant along short legs between rests and corners.
 
@@ -200,18 +200,18 @@ def _level_legs(
 
     A leg also ends where the feed of the CAM file changes.
     """
-    level, cuts = speed.copy(), asked > 0.0  # rapid moves have no CAM feed
-    changes = np.append(cuts[1:] & cuts[:-1] & (np.abs(np.diff(asked)) > 1e-9 * asked[:-1]), False)
+    level, cuts = speed.copy(), cam_feed > 0.0  # rapid moves have no CAM feed
+    changes = np.append(cuts[1:] & cuts[:-1] & (np.abs(np.diff(cam_feed)) > 1e-9 * cam_feed[:-1]), False)
     at = np.flatnonzero(stops | corners | changes)
     for a, b in zip(at[:-1].tolist(), at[1:].tolist(), strict=True):
         leg = slice(a + 1, b + 1)
-        if lasts[leg].sum() <= 2.0 * RAMP and not (changes[a] or changes[b]):
+        if duration[leg].sum() <= 2.0 * RAMP and not (changes[a] or changes[b]):
             rests = stops[a] or stops[b]
-            level[leg] = speed[leg].max() if rests else speed[leg] @ lasts[leg] / max(lasts[leg].sum(), 1e-9)
+            level[leg] = speed[leg].max() if rests else speed[leg] @ duration[leg] / max(duration[leg].sum(), 1e-9)
     return level
 
 
-def _leave_ramps(speed: Array, lasts: Array, stops: NDArray[np.bool_]) -> Array:
+def _leave_ramps(speed: Array, duration: Array, stops: NDArray[np.bool_]) -> Array:
     """Return the speeds that are sent: next to a rest, the planned speed at the end of the ramp within `RAMP`.
 
     The planned speed must increase from row to row up to that row, and must not drop directly after it.
@@ -221,7 +221,7 @@ def _leave_ramps(speed: Array, lasts: Array, stops: NDArray[np.bool_]) -> Array:
         if b - a < 2:
             continue
         for way in (slice(a + 1, b + 1), slice(b, a, -1)):
-            v, time = speed[way], np.cumsum(lasts[way])
+            v, time = speed[way], np.cumsum(duration[way])
             near = v[: max(int(np.searchsorted(time, RAMP)), 1)]
             reached = int(np.argmax(near * REACHED >= near.max()))
             stays = reached == 0 or reached + 1 == len(v) or v[reached + 1] > REACHED * v[reached - 1]

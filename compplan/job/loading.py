@@ -75,7 +75,7 @@ def refuse_unsettled(job: Job) -> None:
         InputError: If it does.
     """
     if job.context.tools or job.tool_table is not None:
-        message = "describes tools by number: split_job gives one job a tool, settle_job the one of [cam] operation"
+        message = "describes tools by number: split_job gives a job of each, require_single_operation that of [cam]"
         raise InputError(message, file=job.file, where="tool")
 
 

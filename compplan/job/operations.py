@@ -67,7 +67,7 @@ def label_operations(operations: tuple[Operation, ...]) -> list[str]:
     return labels
 
 
-def settle_job(job: Job) -> Job:
+def require_single_operation(job: Job) -> Job:
     """Return the job of the only operation, or of [cam] operation.
 
     Raises:

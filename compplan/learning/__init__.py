@@ -1,1 +1,1 @@
-"""The loop: what to measure for a path, and what is learned from a cut part."""
+"""The measuring loop: design of measurements for a path, and model update from a cut part."""

@@ -1,4 +1,4 @@
-"""The rigid motion that brings measured points closest to the cut, or to the nominal surface of the part."""
+"""Rigid best fit of measured points to the cut path or to the nominal surface of the part."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from compplan.robot import Array
 from compplan.robot.pose import build_pose, rigid_columns
 from compplan.toolpath.toolpath import Toolpath
 
-#: Distance between places that the path is sampled at, and how many at most. [m]
+#: Sampling distance along the path [m], and greatest number of samples.
 SPACING, MOST = 5e-4, 400000
-#: Steps of a best fit, and the points that it is made with (assumed).
+#: Iterations of a best fit, and number of points that it uses (assumed).
 STEPS, FITTED = 40, 20000
 
 
 def sample_cut(nominal: Toolpath) -> tuple[Array, Array, Array]:
-    """Return length, place and direction of many places of the cut. Shapes (k,), (k, 3), (k, 3). [m]"""
+    """Return arc length, position and unit tangent of dense samples of the cut. Shapes (k,), (k, 3), (k, 3). [m]"""
     arc = nominal.arc_length
     cut = np.flatnonzero(~nominal.rapid[1:] & (nominal.steps > 0))
     count = np.clip(np.ceil(nominal.steps[cut] / max(SPACING, arc[-1] / MOST)), 1, 10000).astype(int)
@@ -33,10 +33,10 @@ def sample_cut(nominal: Toolpath) -> tuple[Array, Array, Array]:
 def fit_rigid(
     point: Array, normal: Array | None, nominal: Toolpath, farthest: float, surface: Surface | None = None
 ) -> tuple[Array, float]:
-    """Find the rigid motion, (4, 4), that brings points closest to the cut; also the median distance left. [m]
+    """Fit the rigid motion, (4, 4), of points to the cut; also return the median remaining distance. [m]
 
-    Points count across the cut, along their normals, (m, 3), where they have them, and along those of a nominal surface
-    where there is one; points, (m, 3), farther away than `farthest` [m] are of no cut. All in the base frame.
+    Distances are measured along the normals of a nominal surface if it is given, otherwise along those of the points,
+    (m, 3), otherwise across the cut. Points, (m, 3), farther away than `farthest` [m] are ignored. All: base frame.
     """
     _, place, along = sample_cut(nominal)
     tree, motion, left = cKDTree(place), np.eye(4), np.inf
@@ -76,7 +76,7 @@ def fit_rigid(
 
 
 def describe_motion(motion: Array, at: Array) -> str:
-    """Say a rigid motion by the shift of a place and the turn. at: shape (3,). [m]"""
+    """Format a rigid motion as the shift of a point and the angle. at: the point, shape (3,). [m]"""
     shift = (at @ motion[:3, :3].T + motion[:3, 3] - at) * 1e3
     angle = np.degrees(np.linalg.norm(Rotation.from_matrix(motion[:3, :3]).as_rotvec()))
     return f"[{shift[0]:.3g}, {shift[1]:.3g}, {shift[2]:.3g}] mm and {angle:.2g} deg"

@@ -1,4 +1,4 @@
-"""Design the few measurements that narrow the 95 % band on one path most, and say what they will bring."""
+"""Design the few measurements that narrow the 95 % band on one path most, and predict their effect."""
 
 from __future__ import annotations
 
@@ -38,32 +38,32 @@ from compplan.uncertainty.sensitivities import (
     read_force_spread,
 )
 
-#: Postures that stand for wherever an arm can stand (assumed).
+#: Number of sampled postures that represent the workspace (assumed).
 REACH = 100
-#: A log lies beyond its widths where chance would do so once in a thousand.
+#: Probability of the chi-square test whether a log is consistent with the parameter uncertainty.
 BY_CHANCE = 0.999
 
 
 @dataclass(frozen=True, eq=False)
 class PoseCampaign:
-    """Poses to measure, in the order in which to measure them; the last is the first once more."""
+    """Poses to measure, in the order of measuring; the last repeats the first."""
 
-    plan: Plan  #: The plan of the path that they are for.
-    equipment: Equipment  #: What there is to measure with.
+    plan: Plan  #: Plan of the path for which they are chosen.
+    equipment: Equipment  #: Available measuring equipment.
     poses: Candidates  #: The measurements, in the order of measuring.
-    worth: NDArray[np.int_]  #: Their order by what they bring, 1 the most; as `poses`.
-    choice: Choice  #: What they bring, in the order of their worth.
-    design: Design  #: What is known, and the path.
-    start: Array  #: Covariance before the first of them.
-    #: What would narrow the band further afterwards: parameter and share of the variance.
+    worth: NDArray[np.int_]  #: Rank in `choice`, 1 the most useful; ordered as `poses`.
+    choice: Choice  #: Reduction of the band, in the order of the rank.
+    design: Design  #: Prior uncertainty and linearised path.
+    start: Array  #: Covariance before the first measurement.
+    #: Parameters that dominate the remaining band: name and share of the variance.
     rest: tuple[tuple[str, float], ...]
-    touching: NDArray[np.int_]  #: Places in the order to which the way touches something.
-    log: int  #: Rows of the partial log that counted.
-    notes: tuple[str, ...]  #: What a user has to know, one sentence each.
+    touching: NDArray[np.int_]  #: Indices into `poses` of the poses whose approaching joint move collides.
+    log: int  #: Number of rows used from the partial log.
+    notes: tuple[str, ...]  #: Notes for the user, one sentence each.
 
     @property
     def stands(self) -> tuple[Fixture, ...]:
-        """Where the instrument stands; none for a tracker, which stands anywhere."""
+        """Return the locations of the instrument; empty for a tracker, which may be placed anywhere."""
         return list_fixtures(self.equipment.instrument, self.poses.sights, self.poses.tip)
 
 
@@ -71,10 +71,10 @@ def design_campaign(
     plan: Plan, equipment: Equipment, count: int, log: Campaign | None = None,
     announce: Callable[[str], None] = lambda words: None,
 ) -> PoseCampaign:  # fmt: skip
-    """Design `count` measurements for the path of a plan; `log`: what has been measured already, or None.
+    """Design `count` measurements for the path of a plan; `log`: earlier measurements, or None.
 
     Raises:
-        InputError: If the arm finds too few postures.
+        InputError: If fewer than `count` postures are reachable.
     """
     task, robot = plan.task, plan.robot
     announce("the path and what is known")
@@ -82,7 +82,7 @@ def design_campaign(
     solids = build_scene(robot) if solids is None else solids
     lowest = float(task.position[:, 2].min())
     known, scene = robot_uncertainty(robot), build_path_model(robot, plan.q, task.wrench, task.step_time)
-    # poses narrow the robot alone: what of the force goes with it counts as apart
+    # poses reduce the uncertainty of the robot alone: its correlation with the force is ignored
     path = linearise_path(scene, known, read_force_spread(plan.job), task.cut, touched=task.touched)
     design, notes = Design(known, replace(path, tie=None), equipment.sigma, equipment.frames), list_assumed(robot)
     start, used, said = learn_log(design, robot, log)
@@ -125,10 +125,10 @@ def design_campaign(
 
 
 def add_places(design: Design, start: Array, sights: Observations, tip: Array, count: int) -> tuple[Design, Array]:
-    """Add the unknown places of contacts to a design, and what known distances say of them to its covariance.
+    """Add the unknown contact positions to a design; condition its covariance on the known distances between them.
 
     Raises:
-        InputError: If so many poses are fewer than a place takes and one more.
+        InputError: If `count` poses are fewer than two for each place.
     """
     if count < 2 * len(sights.names):
         message = f"{count} poses at {len(sights.names)} unknown places, expected at least two a place"
@@ -144,7 +144,7 @@ def add_places(design: Design, start: Array, sights: Observations, tip: Array, c
 
 
 def _ask_for_load(design: Design, equipment: Equipment, covariance: Array, force: Array) -> list[str]:
-    """Say what unloaded poses leave, where compliances make most of it, and which force of the path none shows. [N]"""
+    """Return advice to add loads, if compliances dominate the remaining band or weights miss a sideways force. [N]"""
     aside, down = (float(np.linalg.norm(part, axis=1).max(initial=0.0)) for part in (force[:, :2], force[:, 2:]))
     if equipment.loaded:
         if equipment.pull > 0.0 or equipment.instrument == SOCKETS or aside <= down:
@@ -165,12 +165,12 @@ def _ask_for_load(design: Design, equipment: Equipment, covariance: Array, force
 
 
 def learn_log(design: Design, robot: Robot, log: Campaign | None) -> tuple[Array, int, list[str]]:
-    """Take what a partial log tells off the covariance; also return how many rows counted and what is odd."""
+    """Condition the covariance on a partial log; also return the number of rows used and a consistency note."""
     if log is None:
         return design.start, 0, []
     use = np.flatnonzero(log.usable & ~log.on_path)
     sights = None if log.sights is None else log.sights.take(use)
-    # the places of this log are its own: they widen the state while its rows are learned
+    # the contact positions of this log are further unknowns of the state while its rows are learned
     own = design if sights is None else replace(design, places=len(sights.names))
     scene = build_varied_model(robot, log)
     predicted = predict_campaign(robot, log, register=design.frames)
@@ -192,7 +192,7 @@ def learn_log(design: Design, robot: Robot, log: Campaign | None) -> tuple[Array
 
 
 def parse_weights(text: str) -> tuple[float, ...]:
-    """Read the weights of a shop: numbers in kg with commas between them.
+    """Read the available weights: numbers in kg, separated by commas.
 
     Raises:
         InputError: If they are not numbers from 0 to 5000 kg.

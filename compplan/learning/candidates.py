@@ -1,10 +1,10 @@
-"""Candidates for measurements: postures that an arm can take and hold, loads that a shop has, both ways to approach.
+"""Candidate measurements: reachable postures, available loads, and approaches from below and above.
 
-Half of the postures lie around the path, half anywhere within the joint limits; those that touch something, or put the
+Half of the postures are drawn around the path, half anywhere within the joint limits. Postures that collide, or put the
 tool below the base, are left out.
 
-Sockets and dial gauges stand where the campaign says, within centimetres: their places are unknown, and every place is
-met more than once. What each kind tells stands in `compplan.measurement.observations`.
+Sockets and dial gauges are placed as the campaign proposes, within centimetres: their positions are unknown, and each
+is visited more than once. `compplan.measurement.observations` defines the observation equation of each kind.
 """
 
 from __future__ import annotations
@@ -29,90 +29,90 @@ from compplan.robot.uncertainty import Unknown
 from compplan.statics.chain import build_chain, joint_jacobian, locate_frames
 from compplan.uncertainty.sensitivities import build_varied_model, measure_slopes, select_model_rows
 
-#: Postures that are kept, and drawn for it at most.
+#: Number of postures kept, and greatest number drawn.
 KEPT, DRAWN = 300, 3000
-#: Spread around the path, and distance from the joint limits that is kept [rad, share of the range of slides].
+#: Standard deviation of joint positions around the path [rad or m], and margin to the limits of revolute joints [rad].
 AROUND, MARGIN = 0.35, np.radians(5.0)
-#: Revolute joints are taken within this of zero, whatever their limits: cables. [rad]
+#: Greatest angle of a revolute joint from zero, even if its limits are wider: cables. [rad]
 TURN = np.radians(170.0)
-#: A pose is approached over this distance of every joint: [rad], [m]. Longer than any play.
+#: Distance of the approach to a pose in every joint, longer than any backlash. [rad], [m]
 RUN_UP = (np.radians(1.5), 0.01)
-#: Lowest place of the tip over the base plane, where the path is not lower itself. [m]
+#: Least height of the tip over the base plane, unless the path is lower. [m]
 FLOOR = 0.05
-#: Kind of a row, and places that are put up where nobody says how many.
+#: Kind of observation and default number of places of each instrument.
 KINDS = {SOCKETS: CONTACT, GAUGE: READING}
 PLACES = {SOCKETS: 3, GAUGE: 6}
 #: Standard deviation of the distance of two sockets of a plate. [m] (assumed)
 SURE = 2e-5
-#: Steps to bring the tip to a place, how near it has to come [m], and the greatest turn of a joint in one. [rad]
+#: Inverse kinematics: iterations, position tolerance [m], greatest joint step per iteration [rad or m].
 STEPS, MET, STEP = 15, 1e-9, 0.2
-#: How an instrument is put up, {at} in the robot's base frame.
+#: Setup instruction of an instrument; {at} in the robot's base frame.
 SETUP = {
     SOCKETS: "socket {label} at ({at}) mm, fixed so that it does not move while its poses are measured",
     GAUGE: "dial gauge {label} at ({at}) mm, its axis along ({along}) within a few mrad: it reads more where the tip is"
            " farther that way; zero it anywhere and leave it",
 }  # fmt: skip
-#: Directions of dials and plates, place by place.
+#: Directions of dial gauges and plates, in turn for successive places.
 NORMALS = np.eye(3)[[2, 0, 1]]
 
 
 @dataclass(frozen=True, eq=False)
 class Candidates:
-    """Measurements that could be taken; m of them, p parameters."""
+    """Candidate measurements; m measurements, p parameters."""
 
-    log: Campaign  #: Two rows a measurement, nothing measured yet: where its approach begins, and the pose.
-    tip: Array  #: Where the tip goes. Shape (m, 3). [m]
+    log: Campaign  #: Two rows per measurement, without measured values: start of the approach, and the pose.
+    tip: Array  #: Predicted tip. Shape (m, 3). [m]
     rotation: Array  #: Orientation of the TCP. Shape (m, 3, 3).
-    slopes: Array  #: Motion of the tip per unit of every parameter. Shape (m, 3, p).
-    sights: Observations | None = None  #: What another instrument than a tracker sees, or None.
+    slopes: Array  #: Derivative of the tip with respect to every parameter. Shape (m, 3, p).
+    sights: Observations | None = None  #: Observations of sockets or dial gauges; None for a tracker.
 
     def __len__(self) -> int:
         return len(self.tip)
 
     @property
     def start(self) -> Array:
-        """Where the approach of each begins. Shape (m, nq). [rad or m]"""
+        """Return the joint positions at the start of each approach. Shape (m, nq). [rad or m]"""
         return self.log.q[::2]
 
     @property
     def q(self) -> Array:
-        """Joint positions. Shape (m, nq). [rad or m]"""
+        """Return the joint positions of the poses. Shape (m, nq). [rad or m]"""
         return self.log.q[1::2]
 
     @property
     def rising(self) -> NDArray[np.bool_]:
-        """Whether all joints come from below. Shape (m,)."""
+        """Return whether all joints approach in positive direction. Shape (m,)."""
         return np.asarray((self.q > self.start).all(axis=1))
 
     @property
     def wrench(self) -> Array:
-        """Load at the TCP, base axes. Shape (m, 6). [N, N m]"""
+        """Return the load at the TCP, base axes. Shape (m, 6). [N, N m]"""
         return self.log.wrench[1::2]
 
     @property
     def weight(self) -> Array:
-        """Weight that hangs at the tool; pulls are horizontal. Shape (m,). [kg]"""
+        """Return the mass that hangs at the tool; pulls are horizontal and do not count. Shape (m,). [kg]"""
         return np.asarray(self.wrench[:, 2] / -STANDARD_GRAVITY)
 
     def take(self, rows: NDArray[np.int_]) -> Candidates:
-        """Take some of them."""
+        """Return the selected measurements."""
         log = self.log.take(np.stack([2 * rows, 2 * rows + 1], axis=1).ravel())
         sights = None if self.sights is None else self.sights.take(rows)
         return Candidates(log, self.tip[rows], self.rotation[rows], self.slopes[rows], sights)
 
 
 def run_up(robot: Robot) -> Array:
-    """Return how far before a pose its approach begins, joint by joint. Shape (nq,). [rad or m]."""
+    """Return the joint distance of the approach to a pose. Shape (nq,). [rad or m]."""
     return np.where(robot.prismatic, RUN_UP[1], RUN_UP[0])
 
 
 def find_postures(
     robot: Robot, path_q: Array, lowest: float, scene: CollisionScene | None, seed: int, kept: int = KEPT
 ) -> Array:
-    """Draw at most `kept` postures that the arm can take. Shape (k, nq). [rad or m]
+    """Draw at most `kept` reachable postures without collision. Shape (k, nq). [rad or m]
 
-    path_q: joint positions along the path, (n, nq); lowest: its lowest place over the base plane [m]; scene: what may
-    touch what, or None.
+    path_q: joint positions along the path, (n, nq); lowest: least height of the path over the base plane [m]; scene:
+    collision scene, or None.
     """
     random = np.random.default_rng(seed)
     span = np.where(robot.prismatic, np.inf, TURN)
@@ -134,9 +134,9 @@ def find_postures(
 def list_candidates(
     robot: Robot, postures: Array, weights: Sequence[float], pull: float, unknowns: tuple[Unknown, ...]
 ) -> Candidates:
-    """Combine postures, (k, nq), with ways to approach, weights [kg] and pulls; differentiate what is measured.
+    """Combine postures, (k, nq), with approach directions, weights [kg] and pulls; differentiate the measured tip.
 
-    pull: force with which the tool can be pulled along x and y of the base, either way; 0 for none. [N]
+    pull: force with which the tool can be pulled along +-x and +-y of the base; 0 for none. [N]
     """
     k = len(postures)
     loads = [(0.0, 0.0, 0.0 - STANDARD_GRAVITY * weight) for weight in weights]
@@ -155,21 +155,21 @@ def find_touching(
     robot: Robot, postures: Array, middle: Array, lowest: float, instrument: str, places: int, length: float,
     scene: CollisionScene | None,
 ) -> tuple[Array, Observations]:  # fmt: skip
-    """Find postures in which the tip is where an instrument sees it. Shape (k, nq) [rad or m], and what it sees.
+    """Find postures with the tip at an instrument, (k, nq) [rad or m]; also return their observations.
 
-    postures: that the arm can take, (m, nq); middle: of the path, (3,) [m]; lowest: its lowest place over the base
-    plane [m]; instrument: "sockets" or "gauge"; places: how many; length: distance of two sockets of a plate, 0 for
-    single ones [m]; scene: what may touch what, or None.
+    postures: reachable ones, (m, nq); middle: centre of the path, (3,) [m]; lowest: least height of the path over the
+    base plane [m]; instrument: "sockets" or "gauge"; places: their number; length: distance of two sockets of a plate,
+    0 for single ones [m]; scene: collision scene, or None.
 
     Raises:
-        InputError: If the arm meets some place fewer than three times.
+        InputError: If a place is reached in fewer than three postures.
     """
     tip = locate_frames(build_chain(robot), postures).tcp_position
     q, label, names = [], [], list[str]()
     plates = instrument == SOCKETS and length > 0.0
 
     def meet(centre: Array, number: int) -> list[Array]:
-        """Return postures in which the arm meets a place, the `number`-th, or each socket of its plate."""
+        """Return the postures that reach the `number`-th place, or each socket of its plate."""
         nearest = np.argsort(np.linalg.norm(tip - centre, axis=1))[: max(len(postures) // 3, 12)]
         half, met = 0.5 * length * NORMALS[(number + 1) % 3], []
         for shift in (-half, half) if plates else (np.zeros(3),):
@@ -181,7 +181,7 @@ def find_touching(
     offered, chosen = _near(tip, middle), np.empty((0, 3))
     for number in range(places):
         most = 0
-        while True:  # what the arm does not meet, or a wall bars, is no place to put anything up
+        while True:  # places that are unreachable or blocked are skipped
             if not len(offered):
                 raise InputError(
                     f"the arm reaches place {number + 1} in {most} postures, expected at least 3, wherever it lies"
@@ -212,7 +212,7 @@ def find_touching(
 
 
 def bring_tips(robot: Robot, q: Array, wanted: Array) -> Array:
-    """Bring the tip to places with least joint motion; only postures within the limits come back. Shape (k, nq)."""
+    """Move the tip to positions with least joint motion; return the postures within the limits. Shape (k, nq)."""
     chain, q = build_chain(robot), q.copy()
     for _ in range(STEPS):
         frames = locate_frames(chain, q)
@@ -226,7 +226,7 @@ def bring_tips(robot: Robot, q: Array, wanted: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Fixture:
-    """Where an instrument is put up: its label, its place in the robot's base frame (3,) [m], and how, in words."""
+    """Location of an instrument: label, position in the robot's base frame (3,) [m], and setup instruction."""
 
     label: str
     place: Array
@@ -234,9 +234,9 @@ class Fixture:
 
 
 def list_fixtures(instrument: str, sights: Observations | None, tip: Array) -> tuple[Fixture, ...]:
-    """Tell where the instrument of a campaign stands, label by label.
+    """Return the location of the instrument of a campaign for each label.
 
-    sights: what it sees in every pose, None for a tracker; tip: base frame, (m, 3). [m]
+    sights: its observation in every pose, None for a tracker; tip: base frame, (m, 3). [m]
     """
     stands, names = [], () if sights is None else sights.names
     for number, label in enumerate(names):
@@ -252,20 +252,20 @@ def list_fixtures(instrument: str, sights: Observations | None, tip: Array) -> t
 
 
 def _near(tip: Array, middle: Array) -> Array:
-    """Return the half of the tips that is nearer to the path. Shape (k, 3) [m]."""
+    """Return the half of the tips that is nearest to the centre of the path. Shape (k, 3) [m]."""
     away = np.linalg.norm(tip - middle, axis=1)
     return tip[away <= np.median(away)]
 
 
 def _choose_place(offered: Array, chosen: Array, middle: Array) -> int:
-    """Choose a place: the first the one nearest to the path, then each as far from the others as can be."""
+    """Choose a place: first the nearest to the centre of the path, then the farthest from those chosen."""
     if not len(chosen):
         return int(np.linalg.norm(offered - middle, axis=1).argmin())
     return int(np.linalg.norm(offered[:, None] - chosen, axis=2).min(axis=1).argmax())
 
 
 def observe_rows(rows: Array, sights: Observations, point: Array) -> Array:
-    """Return what sights of c contacts see of parameters, frames and places. Shape (m, 3, P + 3 c).
+    """Return the derivatives of observations by parameters, frames and c contact positions. Shape (m, 3, P + 3 c).
 
     rows: derivatives of the measured point, (m, 3, P); point: base frame, (m, 3). [m]
     """

@@ -1,11 +1,11 @@
-"""Which measurements narrow the 95 % band on a path most, and in which order to take them.
+"""Choose the measurements that narrow the 95 % band on a path most, and order them.
 
-State x of parameters and unknown frames, covariance S. A measurement of the tip y = H x + noise of covariance R takes
+State x of parameters and unknown frames, covariance S. A measurement of the tip y = H x + noise of covariance R reduces
 
-    S H^T (H S H^T + R)^-1 H S        off S, and        tr(L S H^T (H S H^T + R)^-1 H S L^T)
+    S by S H^T (H S H^T + R)^-1 H S        and        tr(L S L^T) by tr(L S H^T (H S H^T + R)^-1 H S L^T),
 
-off the variance summed along the path, L the slopes there. Poses are chosen one after the other, then exchanged one by
-one while that helps. Loads are measured together, each from the nearest pose, the first pose once more at the end.
+the variance summed along the path, where L are its slopes. Poses are chosen greedily, then exchanged one by one while
+that narrows the band. Poses with one load are measured together, each after the nearest one; the first is repeated.
 """
 
 from __future__ import annotations
@@ -29,29 +29,29 @@ from compplan.robot.uncertainty import Uncertainty
 from compplan.uncertainty.band import Slopes, split_covariance
 from compplan.uncertainty.ladder import pose_variance
 
-#: Standard deviations of frames that are not known. [m, rad]
+#: Prior standard deviations of unknown frames. [m, rad]
 LOOSE = (1.0, 0.5)
-#: A further pose is not worth it where it narrows the band by less than this share.
+#: Least relative reduction of the band by a further pose.
 WORTH = 0.005
-#: Postures that are looked at on the way between two poses.
+#: Number of postures checked for collision on a joint move between two poses.
 BETWEEN = 7
-#: A way on which something touches counts as so much longer. [s]
+#: Time added to a joint move that collides. [s]
 DETOUR = 1e3
 
 
 @dataclass(frozen=True, eq=False)
 class Design:
-    """Linear-Gaussian bookkeeping of what measurements tell; p parameters, f numbers of frames."""
+    """Linear-Gaussian model of the measurements; p parameters, f unknown coordinates of frames and contacts."""
 
-    known: Uncertainty  #: What is known before.
-    path: Slopes  #: The path to first order.
+    known: Uncertainty  #: Prior uncertainty of the robot.
+    path: Slopes  #: Linearised path.
     sigma: float  #: Standard deviation of the instrument per axis. [m]
-    frames: tuple[str, ...] = ()  #: Which frames are unknown, of "base" and "tool".
-    places: int = 0  #: Places of contacts that are unknown.
+    frames: tuple[str, ...] = ()  #: Unknown frames, of "base" and "tool".
+    places: int = 0  #: Number of unknown contact positions.
 
     @cached_property
     def start(self) -> Array:
-        """Covariance before the first measurement. Shape (p + f, p + f)."""
+        """Return the covariance before the first measurement. Shape (p + f, p + f)."""
         p = len(self.known.factor)
         loose = np.zeros(0)
         if "base" in self.frames:
@@ -66,17 +66,17 @@ class Design:
 
     @cached_property
     def target(self) -> Array:
-        """Slopes along the path, frames included: they do not move the tip. Shape (3 k, p + f)."""
+        """Return the slopes along the path, zero for frames, which do not move the tip. Shape (3 k, p + f)."""
         k, _, p = self.path.model.shape
         return np.concatenate([self.path.model.reshape(3 * k, p), np.zeros((3 * k, len(self.start) - p))], axis=1)
 
     @property
     def noise(self) -> float:
-        """Variance of one measurement per axis. [m^2]."""
+        """Return the variance of one measurement per axis. [m^2]."""
         return pose_variance(self.known, self.sigma)
 
     def rows(self, slopes: Array, tip: Array, rotation: Array, sights: Observations | None = None) -> Array:
-        """Return what measurements see of parameters, frames and places. Shape (m, 3, p + f)."""
+        """Return the derivatives of measurements by parameters, frames and contact positions. Shape (m, 3, p + f)."""
         parts = [slopes]
         if "base" in self.frames:
             parts.append(rigid_columns(tip, np.zeros(3)))
@@ -87,12 +87,12 @@ class Design:
 
     @cached_property
     def beside(self) -> Array:
-        """Covariance of the tip that no measurement of parameters takes away. Shape (k, 3, 3). [m^2]."""
+        """Return the covariance of the tip by unexplained errors, repeatability, force. Shape (k, 3, 3). [m^2]."""
         parts = split_covariance(self.path, self.known)
         return parts["unexplained"] + parts["repeatability"] + parts["force"]
 
     def model(self, covariance: Array) -> Array:
-        """Return the covariance of the tip by parameters, from that of the state. Shape (k, 3, 3). [m^2]."""
+        """Return the covariance of the tip due to parameters, from that of the state. Shape (k, 3, 3). [m^2]."""
         p = len(self.known.factor)
         return np.asarray(self.path.model @ covariance[:p, :p] @ np.swapaxes(self.path.model, 1, 2))
 
@@ -101,27 +101,27 @@ class Design:
         return band_radius(self.model(covariance) + self.beside)
 
     def model_band(self, covariance: Array) -> float:
-        """Return the root mean square along the path of the band that parameters alone make. [m]"""
+        """Return the root mean square along the path of the band due to parameters alone. [m]"""
         return float(np.sqrt(np.mean(band_radius(self.model(covariance)) ** 2)))
 
     @property
     def floor(self) -> Array:
-        """Return the band where every parameter is known exactly. Shape (k,). [m]."""
+        """Return the band if every parameter were known exactly. Shape (k,). [m]."""
         return self.band(np.zeros_like(self.start))
 
 
 @dataclass(frozen=True, eq=False)
 class Choice:
-    """Measurements that were chosen."""
+    """Chosen measurements."""
 
-    rows: NDArray[np.int_]  #: Their numbers among the candidates, in the order in which they help most.
-    greatest: Array  #: Greatest band along the path after none, one, two ... of them. [m]
-    rms: Array  #: Root mean square band after none, one, two ... of them. [m]
-    covariance: Array  #: Covariance of parameters after all of them. Shape (p, p).
+    rows: NDArray[np.int_]  #: Indices of the candidates: first visits, then by decreasing reduction of the band.
+    greatest: Array  #: Greatest band along the path after 0, 1, 2 ... measurements. [m]
+    rms: Array  #: Root mean square band after 0, 1, 2 ... measurements. [m]
+    covariance: Array  #: Covariance of parameters after all measurements. Shape (p, p).
 
     @property
     def enough(self) -> int | None:
-        """Number of poses after which no further one is worth it; None where the last one still was."""
+        """Return the number of poses after which no pose narrows the band by `WORTH`; None if the last one does."""
         gain = 1.0 - self.rms[1:] / np.maximum(self.rms[:-1], 1e-300)
         worth = np.flatnonzero(gain >= WORTH)
         last = int(worth[-1]) + 1 if len(worth) else 0
@@ -129,9 +129,9 @@ class Choice:
 
 
 def choose_measurements(design: Design, candidates: Candidates, count: int, start: Array | None = None) -> Choice:
-    """Choose `count` measurements: greedily, then exchanged one by one while that helps.
+    """Choose `count` measurements: greedily, then exchanged one by one while that narrows the band.
 
-    start: covariance before the first of them; from `design` where left out.
+    start: covariance before the first measurement; by default that of `design`.
     """
     before = design.start if start is None else start
     rows = design.rows(candidates.slopes, candidates.tip, candidates.rotation, candidates.sights)
@@ -146,13 +146,13 @@ def choose_measurements(design: Design, candidates: Candidates, count: int, star
 
 
 def first_visits(candidates: Candidates) -> list[int]:
-    """Return the first visit of every unknown place: it tells nothing of the arm, each later one does beside it."""
+    """Return the row of the first visit to every unknown place: it locates the place; later visits measure the arm."""
     sights = candidates.sights
     return [] if sights is None else np.unique(sights.contact, return_index=True)[1].tolist()
 
 
 def grade_choice(design: Design, rows: Array, chosen: Sequence[int], before: Array) -> Choice:
-    """State the band along the path after none, one, two ... of some measurements."""
+    """Compute the band along the path after 0, 1, 2 ... of the chosen measurements."""
     covariance, bands = before, [design.band(before)]
     for number in chosen:
         covariance = learn_rows(covariance, rows[[number]], design.noise)
@@ -166,10 +166,10 @@ def grade_choice(design: Design, rows: Array, chosen: Sequence[int], before: Arr
 def order_poses(
     robot: Robot, q: Array, start: Array, load: Array, home: Array, scene: CollisionScene | None
 ) -> tuple[NDArray[np.int_], NDArray[np.int_]]:
-    """Order poses for short travel, one load after another; return the order, and to which the way touches something.
+    """Order poses for short joint moves, one load after another; also return the poses reached with a collision.
 
-    q: poses, start: where the approach of each begins, home: where the robot comes from, (m, nq) or (nq,) [rad or m];
-    load: (m, 6) [N, N m]; scene: what may touch what, or None.
+    q: poses, start: starts of their approaches, (m, nq), home: initial posture, (nq,) [rad or m]; load: (m, 6)
+    [N, N m]; scene: collision scene, or None.
     """
     way = measure_travel(robot, np.vstack([home[None], q]), np.vstack([home[None], start]), scene)
     _, group = np.unique(np.round(load, 3), axis=0, return_inverse=True)
@@ -187,7 +187,7 @@ def order_poses(
 
 
 def measure_travel(robot: Robot, q: Array, start: Array, scene: CollisionScene | None) -> Array:
-    """Return the time of the joint move from every pose to every start [s], ways that touch longer. Shape (m, m)."""
+    """Return the time of the joint move from every pose to every start [s], `DETOUR` added if it collides. (m, m)."""
     speed = np.where(np.isfinite(robot.velocity_limits), robot.velocity_limits, 1.0)
     time = np.max(np.abs(start[None] - q[:, None]) / speed, axis=2)
     if scene is None:

@@ -1,4 +1,4 @@
-"""Measured points gathered at rows of the path: their means, the directions that count, and what makes them err."""
+"""Measured points averaged at rows of the path: mean deviation, measured directions, and variance."""
 
 from __future__ import annotations
 
@@ -13,42 +13,42 @@ from compplan.learning.measured_path import MeasuredPath
 from compplan.robot import Array
 from compplan.robot.pose import rigid_columns
 
-#: Points within this distance along the path count for a row of it. [m]
+#: Points within this distance along the path are averaged at a row. [m]
 NEAR = 2e-3
-#: Distance over which directions that were measured count for a place: both sides of a corner do there (assumed). [m]
+#: Length scale over which measured directions are averaged, so that both sides of a corner count (assumed). [m]
 AROUND = 0.01
-#: Share of the steps between neighbouring points that are no longer than the usual one (assumed: the rest are gaps).
+#: Quantile of the steps between neighbouring points that is the usual step (assumed: longer ones are gaps).
 USUAL = 0.9
-#: Points of a scan at one row that err apart (assumed: an instrument's errors are smooth).
+#: Scan points of one row that count as independent, at most (assumed: the errors of an instrument are smooth).
 ALONE = 10.0
-#: A combination of shift and turn that points tell less than this of what they tell best is not told (rounding).
+#: Singular values of shift and turn below this share of the largest are not observable (rounding).
 TOLD = 1e-6
-#: A shift or turn that moves the part less than this share across what was measured is not told: on a circle that was
-#: probed across, the turn about its axis (assumed: the directions of measuring are known to a degree).
+#: A rigid motion is not observable if the measured directions contain less than this share of it, such as the turn
+#: about the axis of a circle that was probed radially (assumed: measuring directions are known to a degree).
 ACROSS = 0.02
-#: Share of what was measured that is said to be a motion of the whole part, and how far it stands out of the noise
+#: Least share of the squared deviation that a reported rigid motion of the part explains, and least ratio to the noise
 #: (assumed).
 WHOLE, CLEAR = 0.6, 3.0
 
 
 @dataclass(frozen=True, eq=False)
 class Gathered:
-    """Measured points gathered at rows of the path; b rows."""
+    """Measured points averaged at rows of the path; b rows."""
 
-    row: NDArray[np.int_]  #: Row of `Slopes` that each stands at. Shape (b,).
-    deviation: Array  #: Mean deviation in the directions that count. Shape (b, 3). [m]
-    counts: Array  #: Projector on those. Shape (b, 3, 3).
+    row: NDArray[np.int_]  #: Row of `Slopes`. Shape (b,).
+    deviation: Array  #: Mean deviation in the measured directions. Shape (b, 3). [m]
+    counts: Array  #: Projector on the measured directions. Shape (b, 3, 3).
     variance: Array  #: Variance of the mean per axis. Shape (b,). [m^2]
-    points: NDArray[np.int_]  #: Points of each. Shape (b,).
+    points: NDArray[np.int_]  #: Number of points averaged. Shape (b,).
 
     def take(self, rows: NDArray[np.bool_]) -> Gathered:
-        """Take some rows."""
+        """Return the selected rows."""
         parts: dict[str, Any] = {f.name: getattr(self, f.name)[rows] for f in fields(self)}
         return replace(self, **parts)
 
 
 def gather_points(measured: MeasuredPath, length: Array) -> Gathered:
-    """Gather measured points at the nearest rows of the path, of length (k,) [m]; far ones do not count."""
+    """Average measured points at the nearest rows of the path, whose arc lengths are (k,) [m]; drop distant points."""
     middle = 0.5 * (length[1:] + length[:-1])
     row = np.searchsorted(middle, measured.length)
     window = max(NEAR, 3.0 * (length[-1] - length[0]) / len(measured))
@@ -58,7 +58,7 @@ def gather_points(measured: MeasuredPath, length: Array) -> Gathered:
     index = index.reshape(-1)
     projector = np.zeros((len(rows), 3, 3))
     np.add.at(projector, index, measured.counts[near])
-    # points of one row look the same way, but for corners: the mean projector, its eigenvalues rounded
+    # points of one row have one measuring direction, except at corners: mean projector with rounded eigenvalues
     value, vector = np.linalg.eigh(projector / count[:, None, None])
     counts = np.einsum("bik,bk,bjk->bij", vector, np.round(value), vector)
     total, inverse = np.zeros((len(rows), 3)), np.zeros(len(rows))
@@ -71,10 +71,10 @@ def gather_points(measured: MeasuredPath, length: Array) -> Gathered:
 
 
 def measured_directions(gathered: Gathered, tip: Array, place: Array) -> Array:
-    """Return at places, (n, 3) [m], how far each direction was measured there, from 0 to 1. Shape (n, 3, 3).
+    """Return weights from 0 to 1 of the directions measured around positions, (n, 3) [m]. Shape (n, 3, 3).
 
-    A direction counts whole from where half of the points around tell it: a corner is known by both its sides. A place
-    counts whole within the usual distance of neighbouring points, and beyond it less as a normal curve of that width.
+    A direction has weight 1 if half of the surrounding points measure it: both sides of a corner count. Weights are
+    full within the usual distance of neighbouring points, and decay beyond it as a Gaussian of that width.
     tip: at the rows of the path, (k, 3) [m].
     """
     point = tip[gathered.row]
@@ -91,12 +91,12 @@ def measured_directions(gathered: Gathered, tip: Array, place: Array) -> Array:
 
 
 def describe_whole(gathered: Gathered, tip: Array, R_base_part: Array, expected: Array) -> tuple[str, bool]:
-    """Say how far a part is off as a whole where that is most of what was measured, and whether that is unexpected.
+    """Describe the rigid motion of the part if it dominates the deviations; also return whether it is unexpected.
 
-    Only combinations of shift and turn that the points tell and that stand out of the noise count.
+    Only combinations of shift and turn that are observable and significant against the noise count.
 
-    tip: at the rows of the path, (k, 3) [m]; R_base_part: part axes seen from the base, (3, 3); expected: covariance of
-    the deviations by what is uncertain (`expect_deviations`), (3 b, 3 b) [m^2].
+    tip: at the rows of the path, (k, 3) [m]; R_base_part: part axes in the base frame, (3, 3); expected: prior
+    covariance of the deviations (`expect_deviations`), (3 b, 3 b) [m^2].
     """
     size = max(float(np.ptp(tip, axis=0).max()), 1e-3)
     sigma = np.repeat(np.sqrt(gathered.variance), 3)

@@ -1,9 +1,9 @@
-"""Points measured on a cut part, brought to the path: deviation, place along it, and which directions count.
+"""Match points measured on a cut part with the path: deviation, arc length, and measured directions.
 
-A point that says how far along the path it was taken (s_mm, rapid moves included) counts in all directions. One that
-does not belongs to the nearest point of the path, and along the path it says nothing. A point that two stretches of the
-path claim is left out. A point of a scan has a normal: it counts along that, and only where it lies beside the path.
-Where the nominal surface is given it counts along the normal of that, as far from the path as the tool makes it.
+A point with a stated arc length (s_mm, rapid moves included) counts in all directions. A point without one is assigned
+to the nearest point of the path and counts only across the path. A point that fits two stretches of the path is left
+out. A scan point counts along its normal, and only next to the path. With a nominal surface, points count along the
+normal of the surface, up to the distance from the path that the tool reaches.
 """
 
 from __future__ import annotations
@@ -20,47 +20,47 @@ from compplan.measurement.part_points import FARTHEST, SCAN_SIGMA, Surface, find
 from compplan.robot import Array
 from compplan.toolpath.toolpath import Toolpath
 
-#: Points whose stated length lies beyond an end of the path by no more belong to that end. [m]
+#: Greatest stated arc length beyond an end of the path that is still assigned to that end. [m]
 BEYOND = 1e-3
-#: Another stretch of the path claims a point where it is less than so many times as far.
+#: A point is ambiguous if another stretch of the path is nearer than this multiple of its distance.
 CLAIMED = 2.0
-#: Points that extend over less than this share of the path are of one spot (assumed: nobody measures so little).
+#: Least extent of the points relative to that of the path (assumed: smaller ones are in another unit).
 SPOT = 0.02
-#: Points without their place along the path: shares left out that are said, and that are too many (assumed).
+#: Points without arc length: shares left out from which on advice is given, and points are refused (assumed).
 STRANGE, MOST_OUT = 0.1, 0.5
-#: Points nearer than this to the path are taken for so far off. [m]
+#: Least distance from the path in the test for ambiguous points. [m]
 NEAREST = 1e-4
-#: Fewest points that teach anything.
+#: Fewest points of a model update.
 FEWEST = 8
-#: Standard deviation of a point where the file states none (assumed). [m]
+#: Default standard deviation of a point (assumed). [m]
 SIGMA = 2e-5
-#: Points of a scan count within this distance of the path, along the surface. [m]
+#: Greatest distance of scan points from the path, along the surface. [m]
 BESIDE = 1e-3
-#: Neighbours that a normal is found from, and the share of its length to which a cloud is a line without (assumed).
+#: Neighbours of a normal estimate, and ratio of the two largest eigenvalues below which points form a line (assumed).
 NEIGHBOURS, LINE = 12, 0.02
-#: Square of a normal's part across the path below which it tells nothing of it (assumed: 60 degrees).
+#: Least square of the component of a normal across the path (assumed: tilted by 60 degrees).
 FLAT = 0.25
 
 
 @dataclass(frozen=True, eq=False)
 class MeasuredPath:
-    """Measured points of a cut path, base frame; m of them."""
+    """Measured points of a cut path, base frame; m points."""
 
-    length: Array  #: Place along the path. Shape (m,). [m]
-    deviation: Array  #: Measured minus wanted tip. Shape (m, 3). [m]
-    counts: Array  #: Projector on the directions that count. Shape (m, 3, 3).
+    length: Array  #: Arc length along the path. Shape (m,). [m]
+    deviation: Array  #: Measured minus nominal tip. Shape (m, 3). [m]
+    counts: Array  #: Projector on the measured directions. Shape (m, 3, 3).
     sigma: Array  #: Standard deviation of the measurement per axis. Shape (m,). [m]
-    left_out: int  #: Points that are not of the cut, too far away, or claimed by two stretches.
-    notes: tuple[str, ...] = ()  #: What was read past.
-    scanned: bool = False  #: Whether they are a scan: errors of neighbours are then one and the same.
-    motion: Array | None = None  #: Rigid motion that a best fit took off, or None. Shape (4, 4). [m]
+    left_out: int  #: Number of points left out: off the cut, too far away, or ambiguous.
+    notes: tuple[str, ...] = ()  #: Notes on ignored or assumed input.
+    scanned: bool = False  #: Whether the points are a scan: errors of neighbours are then correlated.
+    motion: Array | None = None  #: Rigid motion applied by a best fit, or None. Shape (4, 4). [m]
 
     def __len__(self) -> int:
         return len(self.length)
 
     @property
     def seen(self) -> Array:
-        """The part of the deviation that counts. Shape (m, 3). [m]."""
+        """Return the deviation in the measured directions. Shape (m, 3). [m]."""
         return np.asarray(np.einsum("mij,mj->mi", self.counts, self.deviation))
 
 
@@ -68,13 +68,13 @@ def match_points(
     table: Table, nominal: Toolpath, T_base_part: Array, *, in_base: bool, align: str = "datum",
     sigma: float | None = None, sure: bool = False, surface: Surface | None = None,
 ) -> MeasuredPath:  # fmt: skip
-    """Bring measured points (`read_measured_points`) to the path that was wanted, nominal, base frame.
+    """Match measured points (`read_measured_points`) with the nominal path, base frame.
 
-    Options as of `compplan.learning.part.learn_from_part`; T_base_part: pose of the part frame, (4, 4) [m]; surface: in
+    Options: see `compplan.learning.part.learn_from_part`; T_base_part: pose of the part frame, (4, 4) [m]; surface: in
     the frame of the points.
 
     Raises:
-        InputError: If too few of the points are of the cut.
+        InputError: If too few points belong to the cut.
     """
     given, scanned = table.stack(["x", "y", "z"]), is_scanned(table)
     surface = surface if surface is None or in_base else surface.move(T_base_part)
@@ -128,7 +128,7 @@ def _place_points(
     table: Table, given: Array, nominal: Toolpath, T_base_part: Array, *, in_base: bool, align: str,
     surface: Surface | None,
 ) -> tuple[Array, Array | None, Array | None, tuple[str, ...]]:  # fmt: skip
-    """Bring points to the base frame; return them, their normals, the motion of a best fit, and what is said of it."""
+    """Transform points to the base frame; return them, their normals, the best-fit motion, and its description."""
     point = given if in_base else given @ T_base_part[:3, :3].T + T_base_part[:3, 3]
     skin = surface is None and (is_scanned(table) or "nx" in table)
     normal = _find_normals(table, point, None if in_base else T_base_part) if skin else None
@@ -144,12 +144,12 @@ def _place_points(
 
 
 def reach_of(process: object) -> float:
-    """Return how far from the path of the tip a process makes the surface of the part: its cutter's radius. [m]"""
+    """Return the reach of a process: greatest distance of the cut surface from the tip, by the cutter's radius. [m]"""
     return 0.5e-3 * float(getattr(process, "diameter_mm", 0.0)) + BESIDE
 
 
 def _find_normals(table: Table, point: Array, T_base_part: Array | None) -> Array | None:
-    """Return the normals of a scan, its own or of neighbours; None where its points lie on a line. Shape (m, 3)."""
+    """Return the normals of a scan, given or fitted to neighbours; None if its points form a line. Shape (m, 3)."""
     if "nx" in table:
         normal = table.stack(["nx", "ny", "nz"])
         return normal if T_base_part is None else normal @ T_base_part[:3, :3].T
@@ -163,10 +163,10 @@ def _find_normals(table: Table, point: Array, T_base_part: Array | None) -> Arra
 
 
 def _describe_left_out(table: Table, good: NDArray[np.bool_]) -> list[str]:
-    """Say how many points do not count.
+    """Describe how many points are left out.
 
     Raises:
-        InputError: If most of them do not, and none says where along the path it was taken: what is left is a choice.
+        InputError: If more than half are left out and arc lengths are not stated: the rest would be a biased selection.
     """
     out = int((~good).sum())
     if not out:
@@ -183,13 +183,13 @@ def _describe_left_out(table: Table, good: NDArray[np.bool_]) -> list[str]:
 def _at_lengths(
     nominal: Toolpath, point: Array, length: Array, normal: Array | None
 ) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
-    """Compare points with the path at stated lengths, along their normals where they have them."""
+    """Compare points with the path at stated arc lengths, along their normals if given."""
     arc = nominal.arc_length
     stated, length = length, np.clip(length, 0.0, arc[-1])
     wanted = np.stack([np.interp(length, arc, nominal.position[:, k]) for k in range(3)], axis=1)
     row = np.clip(np.searchsorted(arc, length), 1, len(arc) - 1)
     along = (nominal.position[row] - nominal.position[row - 1]) / np.maximum(arc[row] - arc[row - 1], 1e-12)[:, None]
-    beyond = stated - length  # a part is a little longer or shorter than the path: its ends go on straight
+    beyond = stated - length  # a part is slightly longer or shorter than the path: its ends are extended straight
     deviation = point - wanted - beyond[:, None] * along
     near = (np.abs(beyond) <= BEYOND) & (np.linalg.norm(deviation, axis=1) <= FARTHEST)
     good = near & ~nominal.rapid[row]
@@ -200,11 +200,11 @@ def _at_lengths(
 
 
 def _at_normals(nominal: Toolpath, point: Array, normal: Array) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
-    """Compare points of a surface with the cut beside them, along their normals."""
+    """Compare points of a surface with the nearest places of the cut, along the normals of the points."""
     way, place, tangent = sample_cut(nominal)
     _, index = cKDTree(place).query(point)
     gap, along = point - place[index], tangent[index]
-    # gap = off n + slip t beside what lies on the surface; normals along the path tell nothing of it
+    # gap = off n + slip t + rest on the surface; points whose normals are along the path are left out
     lean = np.einsum("mi,mi->m", normal, along)
     across = normal - lean[:, None] * along
     square = np.sum(across**2, axis=1)
@@ -217,7 +217,7 @@ def _at_normals(nominal: Toolpath, point: Array, normal: Array) -> tuple[Array, 
 
 
 def _check_surface(table: Table, nominal: Toolpath, surface: Surface, frame: str) -> None:
-    """Refuse a nominal surface that the cut does not come near: another part, frame or unit."""
+    """Reject a nominal surface far from the cut: another part, frame or unit."""
     place = sample_cut(nominal)[1]
     place = place[:: max(1, len(place) // 1000)]
     away = float(np.median(np.linalg.norm(surface.find_nearest(place)[0] - place, axis=1)))
@@ -230,9 +230,9 @@ def _check_surface(table: Table, nominal: Toolpath, surface: Surface, frame: str
 
 
 def _at_surface(nominal: Toolpath, point: Array, surface: Surface) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
-    """Compare points with the nominal surface along its normals; each belongs to the nearest place of the cut.
+    """Compare points with the nominal surface along its normals; assign each to the nearest place of the cut.
 
-    The tool makes what lies within its reach of its axis, above the tip.
+    The tool cuts the surface within its reach from its axis, above the tip.
     """
     way, place, tangent = sample_cut(nominal)
     foot, normal, off = surface.find_nearest(point)
@@ -249,7 +249,7 @@ def _at_surface(nominal: Toolpath, point: Array, surface: Surface) -> tuple[Arra
 
 
 def _at_nearest(nominal: Toolpath, point: Array) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
-    """Compare points with the nearest ones of the cut; along the path nothing counts."""
+    """Compare points with the nearest places of the cut, across the path only."""
     (way, place, along), arc = sample_cut(nominal), nominal.arc_length
     tree = cKDTree(place)
     distance, index = tree.query(point, k=min(64, len(place)))
@@ -261,7 +261,7 @@ def _at_nearest(nominal: Toolpath, point: Array) -> tuple[Array, Array, Array, N
     deviation = deviation - slip[:, None] * tangent
     size = np.maximum(np.linalg.norm(deviation, axis=1), NEAREST)
     apart = np.abs(way[index] - way[nearest][:, None])
-    closed = arc[-1] - apart  # a closed path meets itself at its ends
+    closed = arc[-1] - apart  # the ends of a closed path coincide
     elsewhere = (np.minimum(apart, closed) > 10 * size[:, None]) & (distance < CLAIMED * size[:, None])
     good = (distance[:, 0] <= FARTHEST) & ~elsewhere.any(axis=1)
     counts = np.eye(3) - np.einsum("mi,mj->mij", tangent, tangent)

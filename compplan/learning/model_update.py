@@ -1,19 +1,18 @@
-"""What is learned from a cut part: the robot's parameters where they explain its deviations, else the path itself.
+"""Model update from a cut part: parameters of robot and force, and a residual of the path that they do not explain.
 
 The deviation of a point at length s of the path is, to first order,
 
     d(s) = J(s) p + F(s) f + r(s) + G(s) g + o + noise,
     p ~ N(0, S), f ~ N(0, 1), r ~ GP(0, a^2 s_u^2 / 3), g ~ N(0, 1), o ~ N(0, s_r^2)
 
-with parameters p, force f, a residual r that is smooth over the place, and what this very part has of its own and the
-next one does not repeat: its own force and clamping g, the offset o of its run. The size a of the residual is the one
-under which the part is most probable. The next program takes the posterior mean of p, f and r off. It is written only
-where the part, dealt to stretches, says that this helps on stretches that were not used. The band after it counts the
-next part's own g and o.
+with parameters p, force f, a spatially smooth residual r, and terms that the next part does not repeat: part-specific
+force and clamping g, and the offset o of one run. Size a and correlation length of the residual maximise the evidence.
+The next program subtracts the posterior mean of p, f and r, if cross-validation over stretches of the part supports it
+or noise alone explains the deviations. The band of the next part includes new realisations of g and o.
 
-Robot and force trade places on a path: each stays uncertain where their sum is known well. The robot folder keeps their
-joint covariance (`LearnedForce.robot`), and the next part starts from that. The part's own force has the very slopes of
-the level that all parts share: what is known before splits the two, never the shape of the deviation.
+Robot and force are nearly collinear on one path: each may stay uncertain although their sum is known well. The robot
+folder keeps their joint covariance (`LearnedForce.robot`) as the prior of the next part. The part-specific force has
+the same slopes as the level common to all parts: only the prior separates the two, not the shape of the deviation.
 """
 
 from __future__ import annotations
@@ -34,74 +33,74 @@ from compplan.robot.uncertainty import Uncertainty
 from compplan.uncertainty.band import Slopes
 from compplan.uncertainty.sensitivities import CORRELATION
 
-#: Sizes of the residual that are tried, in widths of the folder; and the least width. [m]
+#: Candidate sizes of the residual relative to the robot's unexplained deviation; and least value of that. [m]
 SIZES, LEAST = (0.0, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0), 2e-5
-#: Distances over which the residual forgets itself that are tried, in scales of the folder.
+#: Candidate correlation lengths of the residual relative to that of the robot.
 SCALES = (0.1, 0.3, 1.0)
-#: Parts that a cut part is dealt to, and neighbouring rows of the path that stay together.
+#: Folds of the cross-validation, and neighbouring rows of the path in one fold.
 PARTS, STRETCH = 5, 2
-#: Passes about what was found: compliance and force multiply.
+#: Relinearisations at the estimate: the deviation is bilinear in compliance and force.
 PASSES = 2
-#: Deviations are by chance where noise alone makes as large ones in one part of twenty.
+#: Confidence level of the test whether noise alone explains the deviations.
 BY_CHANCE = 0.95
 
 
-#: Motion of the tip along the path, (k, 3) [m], by values of the parameters, (p,), and shares of the force, (4,).
+#: Motion of the tip along the path, (k, 3) [m], as a function of parameters, (p,), and shares of the force, (4,).
 Exact = Callable[[Array, Array], Array]
 
 
 @dataclass(frozen=True, eq=False)
 class UpdateState:
-    """What measured points of a part leave known; k rows along the path, p parameters."""
+    """Posterior given the measured points of a part; k rows along the path, p parameters."""
 
-    values: Array  #: Posterior mean of the parameters about the folder. Shape (p,). [SI]
-    force: Array  #: Posterior mean of the force's shares: level and turns, in standard deviations. Shape (4,).
-    force_covariance: Array  #: Their posterior covariance. Shape (4, 4).
+    values: Array  #: Posterior mean of the parameters relative to the folder. Shape (p,). [SI]
+    force: Array  #: Posterior mean of the shares of the force: level and turns, in standard deviations. Shape (4,).
+    force_covariance: Array  #: Posterior covariance of the shares. Shape (4, 4).
     cross: Array  #: Posterior covariance of parameters and shares. Shape (p, 4). [SI]
-    own: Array  #: Posterior mean of what this part has of its own, in the columns of `Own.part`. Shape (m,).
-    own_spread: float  #: Posterior standard deviation of its sum with the level, in those of the level.
+    own: Array  #: Posterior mean of the part-specific terms, the columns of `Own.part`. Shape (m,).
+    own_spread: float  #: Posterior deviation of level plus part-specific force, in prior deviations of the level.
     covariance: Array  #: Posterior covariance of the parameters. Shape (p, p).
-    physics: Array  #: What the parameters move along the path. Shape (k, 3). [m]
-    pushed: Array  #: What the force moves beyond them. Shape (k, 3). [m]
-    residual: Array  #: What is left for the path itself. Shape (k, 3). [m]
-    weight: Array  #: Weights of the kernel that make it. Shape (k, 3). [1/m]
-    tip: Array  #: Covariance of what the next part repeats. Shape (3 k, 3 k). [m^2]
+    physics: Array  #: Motion of the tip due to the parameters. Shape (k, 3). [m]
+    pushed: Array  #: Motion of the tip due to the force. Shape (k, 3). [m]
+    residual: Array  #: Residual of the path. Shape (k, 3). [m]
+    weight: Array  #: Kernel weights of the residual. Shape (k, 3). [1/m]
+    tip: Array  #: Covariance of the repeatable deviation. Shape (3 k, 3 k). [m^2]
 
 
 @dataclass(frozen=True, eq=False)
 class ModelUpdate(UpdateState):
-    """What is learned from a part, and what it makes of the next program."""
+    """Model update from a part, and its consequence for the next program."""
 
     taken: bool  #: Whether a corrected program is written.
-    reason: str  #: Why, or why not.
-    band_before: Array  #: Radius that holds the true tip with 95 %, before. Shape (k,). [m]
+    reason: str  #: Reason of that decision.
+    band_before: Array  #: Radius that contains the true tip with 95 % probability, before. Shape (k,). [m]
     band_after: Array  #: The same for the next part. Shape (k,). [m]
-    #: Both in the directions that were measured, at the rows of `gathered`. Shape (b,) each. [m]
+    #: Both bands in the measured directions, at the rows of `gathered`. Shape (b,) each. [m]
     band_seen: tuple[Array, Array]
     gathered: Gathered  #: The measurements.
     rms: float  #: Root mean square of the measured deviation. [m]
-    held_out: float  #: The same after correction, on stretches that were not used. [m]
-    expected: float  #: Root mean square deviation that is expected of the next part. [m]
-    model: UpdateModel  #: The model that it was learned with.
+    held_out: float  #: Root mean square deviation after correction, in cross-validation. [m]
+    expected: float  #: Expected root mean square deviation of the next part. [m]
+    model: UpdateModel  #: Prior model with the selected residual.
 
     def residual_at(self, place: Array, tip: Array) -> Array:
-        """Return what is left for the path at places (n, 3) [m]; tip: where it went at its rows, (k, 3) [m]."""
+        """Evaluate the residual at positions (n, 3) [m]; tip: positions at the rows of the path, (k, 3) [m]."""
         shape = np.exp(-0.5 * (cdist(place, tip) / self.model.scale) ** 2)
         return np.asarray(self.model.size**2 * shape @ self.weight)
 
 
 @dataclass(frozen=True, eq=False)
 class Own:
-    """What a part has of its own along the path, as columns of one standard deviation; k rows."""
+    """Part-specific deviations along the path, as columns of one standard deviation each; k rows."""
 
-    part: Array  #: Of the measured part: its force first, then other things. Shape (k, 3, m). [m]
-    following: Array  #: Of the next one. Shape (k, 3, n). [m]
-    ratio: float = 0.0  #: Its force's column over that of the level that all parts share.
+    part: Array  #: Of the measured part: force first, then clamping and temperature. Shape (k, 3, m). [m]
+    following: Array  #: Of the next part. Shape (k, 3, n). [m]
+    ratio: float = 0.0  #: Ratio of the part-specific force to the uncertainty of the level common to all parts.
 
 
 @dataclass(frozen=True, eq=False)
 class UpdateModel:
-    """Prior covariances at the rows of the path, flattened to 3 k."""
+    """Prior model at the k rows of the path; its covariances are flattened to 3 k."""
 
     slopes: Slopes
     known: Uncertainty
@@ -110,7 +109,7 @@ class UpdateModel:
     scale: float
 
     def repeats(self) -> tuple[Array, Array, Array]:
-        """Return what the next part repeats: parameters, force apart from them (columns), residual (covariance)."""
+        """Return the repeatable terms: parameters and independent force (columns), residual (covariance)."""
         k = len(self.slopes.rows)
         columns, force = (part.reshape(3 * k, -1) for part in self.slopes.columns(self.known))
         apart = cdist(self.slopes.tip, self.slopes.tip) / self.scale
@@ -121,7 +120,7 @@ class UpdateModel:
 
 
 def expect_deviations(slopes: Slopes, known: Uncertainty, gathered: Gathered, own: Own) -> Array:
-    """Return the covariance of the points by folder, force, clamping and instrument. Shape (3 b, 3 b). [m^2]"""
+    """Return the prior covariance of the points: robot, force, clamping, instrument. Shape (3 b, 3 b). [m^2]"""
     k, b = len(slopes.rows), len(gathered.row)
     prior = prior_of(UpdateModel(slopes, known, own, max(LEAST, known.smooth), known.scale))
     run = (known.repeatability or 0.0) * np.tile(np.eye(3), (k, 1))
@@ -135,10 +134,10 @@ def expect_deviations(slopes: Slopes, known: Uncertainty, gathered: Gathered, ow
 def learn_part(
     slopes: Slopes, known: Uncertainty, gathered: Gathered, exact: Exact, own: Own, least_size: float | None = None
 ) -> ModelUpdate:
-    """Learn from a cut part: to first order, then again about what was found, exactly.
+    """Compute the model update from a cut part by iterated linearisation.
 
-    slopes: the path as it was cut; exact: motion of the tip by values of parameters and force; least_size: standard
-    deviation per axis that an earlier update left of the residual [m], or None.
+    slopes: linearised path as it was cut; exact: nonlinear motion of the tip due to parameters and force; least_size:
+    standard deviation per axis of the residual after an earlier update [m], or None.
     """
     width = max(known.smooth, LEAST) if least_size is None else least_size
     _, model = choose_model(UpdateModel(slopes, known, own, width, known.scale), gathered)
@@ -168,9 +167,9 @@ def learn_part(
 
 
 def choose_model(model: UpdateModel, gathered: Gathered) -> tuple[float, UpdateModel]:
-    """Return the model whose residual makes the part most probable, and the logarithm of that.
+    """Choose size and correlation length of the residual by maximum evidence; return log evidence and model.
 
-    Sizes are tried in the width that is the size of `model`, distances in its scale.
+    Candidates are multiples of the size and the scale of `model`.
     """
     tries = [replace(model, size=size * model.size, scale=scale * model.scale) for scale in SCALES for size in SIZES]
     scores = [_log_evidence(one, gathered) for one in tries]
@@ -179,7 +178,7 @@ def choose_model(model: UpdateModel, gathered: Gathered) -> tuple[float, UpdateM
 
 
 def _observe(model: UpdateModel, gathered: Gathered) -> tuple[Array, Array, Array]:
-    """Return observations, the rows of the state that they see (o, 3 k), and their own covariance."""
+    """Return observations (o,), observation matrix (o, 3 k), and covariance of noise and part-specific terms (o, o)."""
     value, vector = np.linalg.eigh(gathered.counts)
     number, axis = np.nonzero(value > 0.5)
     direction = vector[number, :, axis]
@@ -192,7 +191,7 @@ def _observe(model: UpdateModel, gathered: Gathered) -> tuple[Array, Array, Arra
 
 
 def prior_of(model: UpdateModel) -> Array:
-    """Return the covariance of what the next part repeats. Shape (3 k, 3 k). [m^2]"""
+    """Return the prior covariance of the repeatable deviation. Shape (3 k, 3 k). [m^2]"""
     columns, force, field = model.repeats()
     return np.asarray(columns @ columns.T + force @ force.T + field)
 
@@ -205,7 +204,7 @@ def condition(model: UpdateModel, gathered: Gathered) -> UpdateState:
     factor = cho_factor(H @ prior @ H.T + own + 1e-18 * np.eye(len(y)))
     weight = H.T @ cho_solve(factor, y)
     own_columns = model.own.part.reshape(len(weight), -1)
-    # one normal state: parameters, force apart from them, and the part's own force
+    # one Gaussian state: parameters, independent force, and part-specific force
     every = np.hstack([columns, force, own_columns[:, :1]])
     left = np.eye(every.shape[1]) - every.T @ H.T @ cho_solve(factor, H @ every)
     root, p = model.known.spread, columns.shape[1]
@@ -242,14 +241,14 @@ def _log_evidence(model: UpdateModel, gathered: Gathered) -> float:
 def learn_without(
     model: UpdateModel, gathered: Gathered, part: NDArray[np.int_]
 ) -> Iterator[tuple[NDArray[np.bool_], UpdateState]]:
-    """Leave each part of the points out in turn: yield which they are and what the others tell; nothing of one part."""
+    """Yield each fold of the points and the posterior given the others; nothing if there is one fold."""
     numbers = np.unique(part)
     for test in (part == number for number in numbers[: len(numbers) if len(numbers) > 1 else 0]):
         yield test, condition(model, gathered.take(~test))
 
 
 def _hold_out(model: UpdateModel, gathered: Gathered) -> float:
-    """Return the rms that correction leaves on stretches of the path that were not used. [m]"""
+    """Return the cross-validated root mean square deviation after correction. [m]"""
     left = np.full_like(gathered.deviation, np.inf)
     for test, state in learn_without(model, gathered, np.arange(len(gathered.row)) // STRETCH % PARTS):
         moved = (state.physics + state.pushed + state.residual)[gathered.row[test]]
@@ -258,7 +257,7 @@ def _hold_out(model: UpdateModel, gathered: Gathered) -> float:
 
 
 def _decide(model: UpdateModel, gathered: Gathered, rms: float, held: float) -> tuple[bool, str]:
-    """Decide whether the step is supported, and say why: a part that chance explains tells what it repeats as well."""
+    """Decide whether the correction is supported, and return the reason; deviations within the noise support it."""
     if _is_chance(model, gathered):
         return True, (
             f"the measured deviation of {rms * 1e3:.3g} mm rms is no more than instrument, repeatability, clamping and"
@@ -276,10 +275,10 @@ def _decide(model: UpdateModel, gathered: Gathered, rms: float, held: float) -> 
 
 
 def _is_chance(model: UpdateModel, gathered: Gathered) -> bool:
-    """Tell whether instrument, repeatability and what a part has of its own alone make what was measured.
+    """Test whether instrument, repeatability and part-specific terms alone explain the measurements.
 
-    Asked are the directions in which the tip may be off by more than they make, all together and each alone: a part
-    that is off as a whole would drown among all numbers of a scan. Each question has half the chance of a false yes.
+    Only directions whose prior variance exceeds that of the noise are tested, all together and each alone: the motion
+    of a complete part would vanish among all numbers of a scan. Each test has half of the false alarm probability.
     """
     y, H, own = _observe(model, gathered)
     white = np.linalg.inv(np.linalg.cholesky(own + 1e-18 * np.eye(len(y))))
@@ -295,11 +294,11 @@ def take_blocks(matrix: Array, k: int) -> Array:
 
 
 def _band_seen(model: UpdateModel, covariance: Array, gathered: Gathered) -> Array:
-    """Return the band in the directions that the points tell. Shape (b,). [m]"""
+    """Return the band in the measured directions. Shape (b,). [m]"""
     blocks = _with_run(model, take_blocks(covariance, len(model.slopes.rows)), model.own.following)[gathered.row]
     return np.asarray(band_radius(gathered.counts @ blocks @ gathered.counts))
 
 
 def _with_run(model: UpdateModel, covariance: Array, own: Array) -> Array:
-    """Add what a part has of its own, columns (k, 3, m) [m], and its run. Shape (k, 3, 3). [m^2]"""
+    """Add part-specific terms, columns (k, 3, m) [m], and repeatability to a covariance. Shape (k, 3, 3). [m^2]"""
     return covariance + own @ np.swapaxes(own, 1, 2) + (model.known.repeatability or 0.0) ** 2 * np.eye(3)

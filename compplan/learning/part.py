@@ -1,4 +1,4 @@
-"""A cut part, from measured points to the next program: the plan that was cut, the update, the plan that follows."""
+"""From the measured points of a cut part to the next program: previous plan, model update, next plan."""
 
 from __future__ import annotations
 
@@ -50,14 +50,14 @@ from compplan.uncertainty.sensitivities import (
 )
 from compplan.uncertainty.touch_off import TouchedPart, is_lasting, stage_touch
 
-#: Places along the path that hold an update, at most.
+#: Greatest number of places along the path of a residual.
 MOST_PLACES = 5000
-#: What to do about a part that is off as a whole: nobody can tell its clamping from the robot.
+#: Advice for a rigid displacement of the part: the points alone do not separate clamping from robot errors.
 WHOLE_PART = (
     "--align best_fit takes that off, [noise] part_frame_mm of the job allows for how parts are clamped, --align datum"
     " learns it as the robot's"
 )
-#: Bands that the median point may be off before somebody is asked (assumed: widths of a folder are rough).
+#: Greatest median ratio of deviation to 95 % band (assumed: the uncertainties of a robot folder are rough).
 POSSIBLE = 4.0
 #: Moves longer than this are corrected at their ends only. [m]
 LONG_MOVE = 0.02
@@ -72,20 +72,20 @@ class LearnedPart(Shown):
     taught: Robot  #: The updated robot.
     model_update: ModelUpdate  #: Force, robot and residual learned from the part.
     measured: MeasuredPath  #: The measured points.
-    path: Toolpath  #: The wanted path, base frame.
-    slopes: Slopes  #: The path to first order, as it was cut.
-    length: Array  #: Length of the path at its rows. Shape (k,). [m]
+    path: Toolpath  #: The nominal path, base frame.
+    slopes: Slopes  #: The path as it was cut, linearised.
+    length: Array  #: Arc length of the path at the rows of `slopes`. Shape (k,). [m]
     before: Plan  #: The plan that was cut.
-    after: Plan  #: The plan that follows.
-    residual: Residual | None  #: What the next program takes off beside the robot's model; None: nothing.
-    learned: tuple[Learned, ...]  #: Parameters that moved most for their width.
-    notes: tuple[str, ...]  #: What a user has to know, one sentence each.
-    travel: Transfer  #: What other paths are told.
-    force: LearnedForce | None  #: What is known of the force of the process, or None.
+    after: Plan  #: The next plan.
+    residual: Residual | None  #: Deviation beyond the robot model that the next program subtracts; None: none.
+    learned: tuple[Learned, ...]  #: Parameters with the greatest changes relative to their standard deviations.
+    notes: tuple[str, ...]  #: Notes for the user, one sentence each.
+    travel: Transfer  #: Learned parameters that transfer to other paths.
+    force: LearnedForce | None  #: Learned force of the process, or None.
 
     @property
     def wanted(self) -> Array:
-        """Where the path wants the tip at the waypoints of the next program, nothing taken off. Shape (n, 3). [m]."""
+        """Return the nominal tip at the waypoints of the next program, nothing subtracted. Shape (n, 3). [m]."""
         task = self.after.task
         length = np.interp(task.origin, np.arange(len(self.path)), self.path.arc_length)
         return np.asarray(task.position + (0.0 if self.residual is None else self.residual.at(length)))
@@ -108,7 +108,7 @@ class LearnedPart(Shown):
         return [("measured part", f"{name}: {taken}, {self.robot.name}"), *rows]
 
     def curves(self) -> Curves:
-        """Return the measured deviation along the path and what stays by the model. [mm]."""
+        """Return the measured deviation along the path and its repeatable part by the model. [mm]."""
         order = np.argsort(self.measured.length)
         measured, update = np.linalg.norm(self.measured.seen, axis=1)[order] * 1e3, self.model_update
         explained = 1e3 * np.linalg.norm(update.physics + update.pushed + update.residual, axis=1)
@@ -121,21 +121,21 @@ class LearnedPart(Shown):
 class CutPath:
     """A path as it was cut."""
 
-    scene: ForwardModel  #: The robot on it.
-    known: Uncertainty  #: What is known of the robot.
-    force: ForceSpread  #: Uncertainty of the force, as far as all parts share it.
-    slopes: Slopes  #: The path to first order, k rows.
-    #: Length of the wanted path at every waypoint: the corrected path is a little longer or shorter. Shape (n,). [m]
+    scene: ForwardModel  #: Forward model of the robot along the path.
+    known: Uncertainty  #: Parameter uncertainty of the robot.
+    force: ForceSpread  #: Uncertainty of the force common to all parts.
+    slopes: Slopes  #: The path, linearised, k rows.
+    #: Arc length of the nominal path at every waypoint; that of the corrected path differs slightly. Shape (n,). [m]
     length: Array
-    #: The part as the robot found it by touching, or None where its frame is absolute.
+    #: Part frame located by touch-off, or None if the frame is absolute.
     touched: TouchedPart | None = None
 
     def exact(self, values: Array, force: Array) -> Array:
-        """Return the motion of the tip by values of parameters and force. Shape (k, 3). [m]"""
+        """Return the nonlinear motion of the tip due to parameters and force. Shape (k, 3). [m]"""
         return self.tip(values, force, self.slopes.rows) - self.slopes.tip
 
     def tip(self, values: Array, force: Array, rows: NDArray[np.int_]) -> Array:
-        """Return the tip with values of parameters and force, relative to the part frame found. Shape (k, 3). [m]"""
+        """Return the tip for given parameters and force, relative to the touched part frame. Shape (k, 3). [m]"""
         varied = vary_model(self.scene, self.known.unknowns, values)
         position = tip_of(apply_wrench_to_model(varied, force, self.force), rows)
         if self.touched is None:
@@ -147,7 +147,7 @@ class CutPath:
 
 
 def linearise_cut(before: Plan, wanted: Toolpath, force: ForceSpread) -> CutPath:
-    """Linearise a path as it was cut, by its plan; the wanted path stands in the base frame."""
+    """Linearise a path as it was cut, from its plan; wanted: the nominal path, base frame."""
     known, task = robot_uncertainty(before.robot), before.task
     scene = build_path_model(before.robot, before.q, task.wrench, task.step_time)
     length = np.interp(task.origin, np.arange(len(wanted)), wanted.arc_length)
@@ -164,18 +164,18 @@ def learn_from_part(
 
     Args:
         job: The job.
-        robot_name: The robot folder that the program was planned with; what it learned on this path lies in it.
+        robot_name: The robot folder with which the program was planned; it contains earlier updates of this path.
         measured: The measured points: a file, or its columns.
-        in_base: Whether they are in the base frame; otherwise in the part frame.
-        align: "datum": the points stand where their frame says; "best_fit": a rigid motion is fitted and taken off;
-            None: as "datum", but asked about where most of what was measured is such a motion.
+        in_base: Whether the points are in the base frame; otherwise in the part frame.
+        align: "datum": use the points as given in their frame; "best_fit": fit a rigid motion and remove it; None: as
+            "datum", but raise an error if an unexpected motion of this kind dominates the deviations.
         sigma: Standard deviation of points whose file states none; assumed if left out. [m]
-        sure: Whether points that cannot be are meant as they are.
+        sure: Accept implausible points without an error.
         surface: The nominal surface of the part in the frame of the points, or None.
-        announce: Told what is being done.
+        announce: Called with the name of each step.
 
     Raises:
-        InputError: If a file is not what it has to be.
+        InputError: If a file is invalid or its points are implausible.
     """
     points = read_measured_points(measured)
     robot = robot_name if isinstance(robot_name, Robot) else load_robot(robot_name)
@@ -222,7 +222,7 @@ def learn_from_part(
 def _list_notes(
     model_update: ModelUpdate, travel: Transfer, matched: MeasuredPath, wanted: Toolpath, stood: str
 ) -> tuple[str, ...]:
-    """Return why the update is taken or left, and what to know of the points and of long moves."""
+    """Return the notes of an update: reason, transfer, points left out, and long moves."""
     if not model_update.taken:
         return (model_update.reason, *matched.notes)
     whole = [f"{stood}: learned as an error of the robot"] if stood else []
@@ -234,10 +234,10 @@ def _list_notes(
 
 
 def ask_possible(points: Table, gathered: Gathered, band: Array) -> None:
-    """Ask about points that are farther off than folder, force, clamping and instrument let a part be.
+    """Check that the points lie within a multiple of the band due to robot, force, clamping and instrument.
 
     Raises:
-        InputError: If the typical point is.
+        InputError: If the median point does not.
     """
     size = np.linalg.norm(gathered.deviation, axis=1)
     if float(np.median(size / np.maximum(band, 1e-12))) > POSSIBLE:
@@ -250,9 +250,9 @@ def ask_possible(points: Table, gathered: Gathered, band: Array) -> None:
 
 
 def plan_learned(job: Job, robot: Robot, residual: Residual | None) -> tuple[Toolpath, Plan]:
-    """Plan a job with a robot of one's own; also return the wanted path before the residual is taken off."""
+    """Plan a job with a given robot and residual; also return the nominal path before the residual is subtracted."""
     nominal, task, options = build_learned(job, robot, residual)
-    # the evaluation of a job reads the job's own robot and path: here both have learned, and the task's own force acts
+    # not evaluated as a job, which would reload robot and path: both are updated here, and the task has its force
     name = job.name or job.file.stem
     plan = replace(plan_task(task, options.strategy, name=name, feed=options.feed, output=job.output), job=job)
     if residual is not None:
@@ -263,9 +263,9 @@ def plan_learned(job: Job, robot: Robot, residual: Residual | None) -> tuple[Too
 
 
 def build_learned(job: Job, robot: Robot, residual: Residual | None) -> tuple[Toolpath, PlanTask, PlanOptions]:
-    """Prepare the task of a job with a robot of one's own; also return the wanted path, and what the plan may do.
+    """Prepare the task of a job with a given robot; also return the nominal path and the plan options.
 
-    A path that has learned keeps the posture in which it learned, another one that of the job's own robot.
+    With a residual, the postures are those of the residual; otherwise they are those that the job locks.
     """
     _, nominal, options = prepare_job(job)
     mounted = robot if job.tool is None else job.tool.mount(robot)
@@ -280,9 +280,9 @@ def build_learned(job: Job, robot: Robot, residual: Residual | None) -> tuple[To
 
 
 def keep_posture(task: PlanTask, residual: Residual, length: Array) -> PlanTask:
-    """Return a task whose start stands as the arm stood when the path was learned.
+    """Return a task whose initial postures are nearest to those of a residual.
 
-    length: of the wanted path at every waypoint of the task. Shape (n,). [m]
+    length: arc length of the nominal path at every waypoint of the task. Shape (n,). [m]
     """
     near = interpolate(length, residual.length, residual.q)
     rotation = task.rotation
@@ -296,13 +296,13 @@ def keep_posture(task: PlanTask, residual: Residual, length: Array) -> PlanTask:
 def add_residual(
     old: Residual | None, model_update: ModelUpdate, cut: CutPath, task: PlanTask, others: Others
 ) -> tuple[Residual, ModelUpdate]:
-    """Add what stays with the path: what the update says of its tip, less what robot folder and process now say there.
+    """Add to the residual of a path: the deviation by the update minus that by the transferred robot and force.
 
-    It moves at measured places in measured directions alone: elsewhere it would continue what other places say. What
-    robot folder and process say is a model that stretches left out support, and moves everywhere. The band of the
-    update that is returned counts what is not taken off.
+    The residual changes only at measured places in measured directions: elsewhere it would extrapolate. The transferred
+    robot and force are supported by cross-validation and act everywhere. The band of the returned update includes the
+    part that is not subtracted.
 
-    old: what was learned before, or None; others: what robot folder and process say now.
+    old: residual before, or None; others: transferred robot and force.
     """
     rows, slopes = pick_rows(task.cut, MOST_PLACES), cut.slopes
     length, at = cut.length[rows], cut.length[slopes.rows]
@@ -322,7 +322,7 @@ def add_residual(
 
 
 def with_band(plan: Plan, model_update: ModelUpdate, slopes: Slopes, known: Uncertainty) -> Plan:
-    """Give a plan the band of the update: this path is known better than the robot is elsewhere."""
+    """Add the band of the update to a plan: the band of this path is narrower than that of the robot elsewhere."""
     error_band = plan.error_band
     if error_band is None:
         return plan

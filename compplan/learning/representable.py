@@ -1,6 +1,6 @@
-"""What a robot folder can hold of an update, and the file of what a path has learned beyond its robot.
+"""Representable part of a model update in the files of a robot folder, and the residual file of a path.
 
-URDF and springs hold some parameters, effects others; what neither holds stays with the path.
+URDF and springs represent some parameters, effects others; the remainder is part of the residual of the path.
 """
 
 from __future__ import annotations
@@ -26,30 +26,30 @@ from compplan.toolpath.toolpath import interpolate
 from compplan.uncertainty.assumed import LINK_ELASTICITY
 from compplan.uncertainty.sensitivities import vary_robot
 
-#: Effects that are one spring.
+#: Effects that consist of one spring.
 SPRINGS = ("joint_stiffness", "link_compliance", "base_compliance")
-#: Beginnings of the parameters by which effects of one place and form add up.
+#: Prefixes of the additive parameters of effects with the same place and form.
 ADDS = {"backlash": ("width",), "transmission_error": ("sine", "cosine", "height", "spline")}
 
 
 class Learned(NamedTuple):
-    """A parameter that a part told something of."""
+    """A parameter updated by a part."""
 
-    name: str  #: Its name for people.
-    key: str  #: Its key; the unit is its end.
-    value: float  #: What it moved by. [SI]
-    width: float  #: Its standard deviation before. [SI]
-    kept: bool  #: Whether the robot folder holds it, nine tenths of it at least.
+    name: str  #: Readable name.
+    key: str  #: Key, with the unit as its suffix.
+    value: float  #: Change. [SI]
+    width: float  #: Prior standard deviation. [SI]
+    kept: bool  #: Whether the robot folder represents the change to within 10 %.
 
 
 def apply_update(
     robot: Robot, known: Uncertainty, values: Array, covariance: Array, *, own_tool: bool = True
 ) -> tuple[Robot, Array]:
-    """Put what was learned into a robot folder; also return how much of each value it holds now. Shape (p,). [SI]
+    """Apply a model update to a robot folder; also return the represented part of each value. Shape (p,). [SI]
 
-    What URDF and springs cannot say becomes an effect of the folder. What neither holds (the tool of a job, a spring
-    below zero) stays with the path; its mean counts as not known, m m^T. values: means about the folder, (p,), ordered
-    as `known`; covariance: (p, p); own_tool: whether the tool is the folder's, not the job's.
+    Values that URDF and springs cannot represent become effects of the folder. A remainder m (the tool of a job, a
+    negative compliance) stays with the path and adds m m^T to the covariance. values: means relative to the folder,
+    (p,), ordered as `known`; covariance: (p, p); own_tool: whether the tool belongs to the folder, not to the job.
     """
     held: list[Array] = []
     for unknown, own in split_unknowns(known.unknowns, values):
@@ -64,9 +64,9 @@ def apply_update(
 
 
 def fit_representable(robot: Robot, unknown: Unknown, own: Array) -> tuple[Robot, Array]:
-    """Put values of one unknown into a robot folder; also return how much of them it holds. own: shape (k,). [SI]
+    """Apply values of one unknown to a robot folder; also return the represented part. own: values, (k,). [SI]
 
-    A spring bends with its load: of a compliance that would come out below zero the folder holds what takes it to zero.
+    Compliances are not negative: a change below zero is represented down to zero compliance.
     """
     if unknown.effect == LINK_ELASTICITY:
         return vary_robot(robot, unknown, own)[0], own
@@ -83,12 +83,12 @@ def fit_representable(robot: Robot, unknown: Unknown, own: Array) -> tuple[Robot
 
 
 def add_effect(robot: Robot, effect: Effect, own: Array) -> tuple[Robot, Array]:
-    """Add an effect to those of a folder, to one of its own kind and place where there is one.
+    """Add an effect to a robot folder; merge it with an effect of the same kind and place if there is one.
 
-    own: its unknown values [SI]. Returns the robot, and how much of them it holds: nothing where its file cannot say
-    them.
+    own: its unknown values [SI]. Returns the robot and the represented part of the values: zero if the effect file
+    cannot represent them.
     """
-    if effect.name == "backlash":  # lost motion below zero is none: a command cannot lead it
+    if effect.name == "backlash":  # lost motion is not negative
         same = [one for one in robot.effects if (one["effect"], one.get("joint")) == (effect.name, effect.joint)]
         own = np.maximum(own, -max(sum(map(width_of, same)), 0.0))
         effect = replace(effect, parameters={key: float(own[0]) for key in effect.parameters})
@@ -109,7 +109,7 @@ def add_effect(robot: Robot, effect: Effect, own: Array) -> tuple[Robot, Array]:
 
 
 def _merge(one: Mapping[str, Any], other: Mapping[str, Any]) -> dict[str, Any] | None:
-    """Add two tables of one effect whose sizes add up; None where they are not of one kind, place and form."""
+    """Add the additive parameters of two effect tables; None if kind, place or form differ."""
     if any(one.get(key) != other.get(key) for key in ("effect", "joint", "axis")):
         return None
     old, new = one["parameters"], other["parameters"]
@@ -132,7 +132,7 @@ def _sum_springs(robot: Robot) -> float:
 
 
 def list_learned(known: Uncertainty, values: Array, held: Array, most: int = 10) -> list[Learned]:
-    """List the parameters that moved most for their width."""
+    """List the parameters with the greatest changes relative to their prior standard deviations."""
     kept = np.abs(values - held) <= 0.1 * np.abs(values)
     width = known.width
     share = np.abs(values) / np.maximum(width, 1e-300)
@@ -144,33 +144,33 @@ def list_learned(known: Uncertainty, values: Array, held: Array, most: int = 10)
 
 @dataclass(frozen=True, eq=False)
 class Residual:
-    """What a path keeps beyond its robot: the deviation that the next program takes off; b places along it."""
+    """Deviation of a path beyond the robot model, subtracted by the next program; b places along the path."""
 
-    length: Array  #: Places along the path. Shape (b,). [m]
-    deviation: Array  #: Deviation there, base axes. Shape (b, 3). [m]
-    spread: Array  #: Standard deviation of it per axis. Shape (b,). [m]
-    q: Array  #: How the arm stood there, unloaded on the path. Shape (b, nq). [rad or m]
+    length: Array  #: Arc length along the path. Shape (b,). [m]
+    deviation: Array  #: Deviation, base axes. Shape (b, 3). [m]
+    spread: Array  #: Standard deviation of the deviation per axis. Shape (b,). [m]
+    q: Array  #: Joint positions, unloaded on the path. Shape (b, nq). [rad or m]
 
     @property
     def typical(self) -> float:
-        """Mean standard deviation of it per axis. [m]"""
+        """Return the mean standard deviation of the deviation per axis. [m]"""
         return float(np.mean(self.spread))
 
     def at(self, length: Array) -> Array:
-        """Return the deviation at places along the path. Shape (n, 3). [m]."""
+        """Interpolate the deviation at arc lengths (n,) [m]. Shape (n, 3). [m]."""
         return interpolate(length, self.length, self.deviation)
 
 
 def residual_file(robot: Robot, job: Job) -> Path | None:
-    """Return the file of a robot folder that holds what it learned on the path of a job."""
+    """Return the file of a robot folder with the residual of the path of a job; None for a robot without a folder."""
     return None if robot.folder is None else robot.folder / f"learned_{job.file.stem}.csv"
 
 
 def read_residual(file: Path | None, robot: Robot) -> Residual | None:
-    """Read what was learned on a path; None where there is no such file.
+    """Read the residual of a path; None if the file does not exist.
 
     Raises:
-        InputError: If it is not such a table.
+        InputError: If the file is not a residual table.
     """
     if file is None or not file.exists():
         return None

@@ -1,7 +1,7 @@
-"""What of an update travels to other paths: the force of the process, and the robot whole or not at all.
+"""Select the learned parameters that transfer to other paths: force of the process, and all robot parameters or none.
 
-A part is dealt to long stretches. Learned from the others, without the residual that belongs to the path, the force
-alone and force and robot together have to leave less on the stretch that they did not see.
+Cross-validation over long stretches of the part decides: without the residual of the path, the force alone, and force
+and robot together, have to reduce the deviation on the stretch that was left out.
 """
 
 from __future__ import annotations
@@ -27,29 +27,29 @@ from compplan.uncertainty.band import Slopes
 from compplan.uncertainty.motion import read_placement, shift_part
 from compplan.uncertainty.sensitivities import ForceSpread
 
-#: How far a part that was fitted may have stood off, per axis: as good as not known. [m]
+#: Prior standard deviation per axis of the placement of a best-fitted part: practically unknown. [m]
 FITTED = 0.01
-#: Stretches that a part is dealt to.
+#: Folds of the cross-validation.
 STRETCHES = 4
-#: What a step has to leave, at most, of what is left without it (assumed: less is not carried to another path).
+#: Greatest ratio of the left-out rms with and without a transfer (assumed: smaller benefits do not transfer).
 FORCE, ROBOT = 0.97, 0.95
 
 
 @dataclass(frozen=True, eq=False)
 class Transfer:
-    """What travels."""
+    """Learned parameters that transfer to other paths."""
 
-    force: bool  #: Whether the force does.
-    robot: bool  #: Whether the robot does.
-    reason: str  #: What the stretches say.
-    #: What nothing, the force, and force and robot leave on stretches that they did not see, rms. [m]
+    force: bool  #: Whether the force transfers.
+    robot: bool  #: Whether the robot parameters transfer.
+    reason: str  #: Result of the cross-validation.
+    #: Left-out rms with no transfer, with the force, and with force and robot. [m]
     left: tuple[float, float, float]
 
 
 def choose_transfer(model: UpdateModel, gathered: Gathered, *, learned: bool = False) -> Transfer:
-    """Ask stretches of a part that were left out what may be told to other paths.
+    """Select by cross-validation over stretches of a part what transfers to other paths.
 
-    A force that was learned from earlier parts (`learned`) goes on learning unless that makes the stretches worse.
+    A force that was learned from earlier parts (`learned`) is updated unless the left-out rms grows by over 3 %.
     """
     part = np.minimum(STRETCHES * np.arange(len(gathered.row)) // max(len(gathered.row), 1), STRETCHES - 1)
     if not part.any():
@@ -74,10 +74,10 @@ def choose_transfer(model: UpdateModel, gathered: Gathered, *, learned: bool = F
 
 
 def state_own(noise: NoiseTable, origin: Array, slopes: Slopes, spread: ForceSpread, *, fitted: bool) -> Own:
-    """State what the measured part and the next one have of their own: force, clamping, warmth of the arm.
+    """Build the part-specific terms of the measured and the next part: force, clamping, temperature of the arm.
 
-    noise: [noise] of the job; origin: of the part frame, (3,) [m]; fitted: whether a best fit took the motion of the
-    measured part off.
+    noise: [noise] of the job; origin: of the part frame, (3,) [m]; fitted: whether a best fit removed the rigid motion
+    of the measured part.
     """
     placed, tip = read_placement(noise), slopes.tip
     ratio = spread.scatter / spread.common if spread.common > 0.0 else 0.0
@@ -102,11 +102,11 @@ def learn_force(
     job: str,
     kept: NDArray[np.bool_],
 ) -> tuple[LearnedForce, Array]:
-    """Turn an update into what other paths are told of the force; also return its shares that they are told, (4,).
+    """Compute the learned force that transfers to other paths; also return its transferred shares, (4,).
 
-    Its direction travels where it is fixed in base or part; where it goes with the path it stays with the path. spread:
-    uncertainty of the force before; R_base_part: part axes seen from the base, (3, 3); kept: parameters that the robot
-    folder is told, too, (p,).
+    Its direction transfers if it is fixed in base or part; a direction that follows the path does not. spread: prior
+    uncertainty of the force; R_base_part: part axes in the base frame, (3, 3); kept: parameters that the robot folder
+    receives, too, (p,).
     """
     axes, told = find_axes(process), model_update.force.copy()
     scale = 1.0 if old is None else old.level
@@ -137,7 +137,7 @@ def learn_force(
 
 
 class Others(NamedTuple):
-    """What other paths are told: what travels, the robot, how much of each parameter it holds, the force, its shares.
+    """Transfer to other paths: selection, robot, represented part of each parameter, force, and its shares.
 
     `held` has shape (p,) [SI], `shares` (4,).
     """
@@ -150,7 +150,7 @@ class Others(NamedTuple):
 
 
 def transfer_nothing(job: Job, robot: Robot, model_update: ModelUpdate) -> Others:
-    """Tell other paths nothing."""
+    """Return the transfer without learned parameters."""
     travel = Transfer(False, False, "nothing is transferred to other paths", (np.inf,) * 3)
     return Others(travel, robot, np.zeros(len(model_update.values)), find_learned_force(job), np.zeros(4))
 
@@ -158,7 +158,7 @@ def transfer_nothing(job: Job, robot: Robot, model_update: ModelUpdate) -> Other
 def transfer_to_paths(
     job: Job, robot: Robot, model_update: ModelUpdate, known: Uncertainty, spread: ForceSpread
 ) -> Others:
-    """Tell other paths what stretches of the part that were left out support: the force, and the robot as a whole."""
+    """Transfer force and robot parameters to other paths as far as cross-validation supports them."""
     told = transfer_nothing(job, robot, model_update)
     travel = choose_transfer(model_update.model, model_update.gathered, learned=told.force is not None)
     told = told._replace(travel=travel)

@@ -1,1 +1,1 @@
-"""Measurements under load: the campaign log and its registration."""
+"""Measurements under load: measurement log and registration of its frames."""

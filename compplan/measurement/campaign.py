@@ -1,7 +1,7 @@
-"""Measurement logs: what an instrument saw of a robot, row by row, in time order.
+"""Measurement logs: poses of a robot measured by an instrument, row by row, in time order.
 
-A `Campaign` holds one log in SI, with what follows from the order of its rows: visits (rows between which nothing moved
-and no load changed), the direction from which every joint was approached, and joint speeds on paths.
+A `Campaign` contains one log in SI, and properties derived from the order of its rows: visits (consecutive rows with
+the same joint positions and load), the approach direction of every joint, and joint speeds on paths.
 """
 
 from __future__ import annotations
@@ -19,22 +19,22 @@ from compplan.io.display import Shown
 from compplan.measurement.observations import Observations
 from compplan.robot import Array
 
-#: Joint motion below this is encoder jitter, not a move [rad or m]; one unit of the fourth decimal of a degree.
+#: Greatest joint motion that counts as encoder jitter [rad or m]: about one unit of the third decimal of a degree.
 STATIC_JITTER = 2e-5
 PATH_JITTER = 1e-8
-#: What a force sensor may read where nothing pulls, assumed: noise and drift of a 1 kN sensor. [N], [N m]
+#: Reading of an unloaded force sensor (assumed: noise and drift of a 1 kN sensor). [N], [N m]
 FORCE_NOISE, MOMENT_NOISE = 5.0, 2.0
-#: A sensor's noise grows with its range: this share of the largest load of the log is none either (assumed).
+#: Noise of a force sensor as a share of the largest load of the log (assumed).
 SAME_LOAD = 0.02
 MODES = ("U1", "U2", "L1", "L2")
 WRENCH = ("fx", "fy", "fz", "mx", "my", "mz")
-#: Assumed where a log states no standard deviation: they set the weight of orientation against position to begin with;
-#: both are then replaced by what the residuals say. [m, rad]
+#: Default standard deviations (assumed): the initial weights of position and orientation, later re-estimated from the
+#: residuals. [m, rad]
 ASSUMED_SIGMA_POSITION, ASSUMED_SIGMA_ROTATION = 5e-5, 1e-4
 
 
 def number_rows(values: Array) -> NDArray[np.int_]:
-    """Number the rows of a table, equal rows alike, ordered by the first column, then the next. Shape (n,)."""
+    """Number the distinct rows of a table, ordered by the first column, then the next. Shape (n,)."""
     number = np.zeros(len(values), np.int64)
     for column in values.T:
         inverse = np.unique(column, return_inverse=True)[1].reshape(-1)
@@ -62,23 +62,23 @@ class Campaign(Shown):
     target: NDArray[np.int_] | None = None  #: Index of the measured point on the tool. Shape (n,).
     target_names: tuple[str, ...] = ("",)  #: Label of each measured point.
     mode: NDArray[np.str_] | None = None  #: U1 U2 L1 L2 or "". Shape (n,).
-    file: Path | None = None  #: Where it was read from, or None.
-    lines: NDArray[np.int_] | None = None  #: Line of the file that each row stands in. Shape (n,).
-    notes: tuple[str, ...] = ()  #: What was read past or left out, one sentence each.
-    #: Measured point in the TCP frame where it is known, the TCP if None. Shape (3,). [m]
+    file: Path | None = None  #: File of the log, or None.
+    lines: NDArray[np.int_] | None = None  #: Line of each row in the file. Shape (n,).
+    notes: tuple[str, ...] = ()  #: Notes on ignored columns and omitted rows, one sentence each.
+    #: Measured point in the TCP frame, if known; the TCP if None. Shape (3,). [m]
     target_offset: Array | None = None
-    #: Last move of each joint where rows of a pose were pooled and their order does not tell it; else None. Shape (n,
+    #: Last move of each joint in a pooled log, where the order of rows does not determine it; otherwise None. Shape (n,
     #: nq). [rad or m]
     moved: Array | None = None
-    scatter: float = 0.0  #: Standard deviation of a single row's position per axis where rows were pooled; else 0. [m]
-    #: What was seen of the point in rows without a position (contacts, readings, ball bar), or None.
+    scatter: float = 0.0  #: Standard deviation of a single position per axis in a pooled log; otherwise 0. [m]
+    #: Observations in rows without a position (contacts, readings, ball bar), or None.
     sights: Observations | None = None
 
     def __len__(self) -> int:
         return len(self.q)
 
     def summary(self) -> list[tuple[str, str]]:
-        """Return how much was measured, and what was read past."""
+        """Return the number and kinds of measurements, and notes on ignored input."""
         name = "in memory" if self.file is None else self.file.name
         runs = len(np.unique(self.run_index)) if len(self) else 0
         kinds = [("orientation", self.rotation), ("time", self.time), ("temperature", self.temperature),
@@ -93,7 +93,7 @@ class Campaign(Shown):
         ]
 
     def columns(self) -> dict[str, Any]:
-        """Return a row a measured row: run, joints [rad or m], load, measured position."""
+        """Return the log as columns: run, joints [rad or m], load [N, N m], measured position [mm]."""
         columns: dict[str, Any] = {"run": self.run}
         columns |= {f"q{k + 1}_SI": self.q[:, k] for k in range(self.nq)}
         columns |= {f"{name}_{unit}": self.wrench[:, k]
@@ -102,64 +102,64 @@ class Campaign(Shown):
 
     @property
     def nq(self) -> int:
-        """Count the commanded joints."""
+        """Return the number of commanded joints."""
         return self.q.shape[1]
 
     @cached_property
     def target_index(self) -> NDArray[np.int_]:
-        """Index of the measured point on the tool, zero where there is only one. Shape (n,)."""
+        """Return the index of the measured point on the tool, zero if there is only one. Shape (n,)."""
         return np.zeros(len(self), int) if self.target is None else self.target
 
     @cached_property
     def run_index(self) -> NDArray[np.int_]:
-        """Number of the run of each row, in order of appearance. Shape (n,)."""
+        """Return the number of the run of each row, in order of appearance. Shape (n,)."""
         starts = np.r_[True, self.run[1:] != self.run[:-1]]
         return np.cumsum(starts) - 1
 
     @cached_property
     def on_path(self) -> NDArray[np.bool_]:
-        """Tell which rows were sampled on the fly. Shape (n,)."""
+        """Return which rows were sampled in motion. Shape (n,)."""
         return np.char.startswith(np.char.lower(self.run.astype(str)), "path")
 
     @cached_property
     def link_controlled(self) -> NDArray[np.bool_]:
-        """Tell which rows carry link-side readings in q (modes U2 and L2). Shape (n,)."""
+        """Return which rows have link-side readings in q (modes U2 and L2). Shape (n,)."""
         return np.zeros(len(self), bool) if self.mode is None else np.char.endswith(self.mode.astype(str), "2")
 
     @cached_property
     def usable(self) -> NDArray[np.bool_]:
-        """Tell which rows hold joints, load, and a position or what another instrument saw. Shape (n,)."""
+        """Return which rows have joints, load, and a position or another observation. Shape (n,)."""
         joints, load = (np.isfinite(part).all(axis=1) for part in (self.q, self.wrench))
         return np.asarray(joints & load & (self.measured if self.sights is None else self.measured | self.sights.seen))
 
     @cached_property
     def measured(self) -> NDArray[np.bool_]:
-        """Tell which rows hold a position of all three coordinates. Shape (n,)."""
+        """Return which rows have all three coordinates of a position. Shape (n,)."""
         return np.asarray(np.isfinite(self.position).all(axis=1))
 
     @cached_property
     def adrift(self) -> bool:
-        """Tell whether every row was seen from places that nobody knows: as if a base frame was fitted."""
+        """Return whether all observations refer to unknown contact positions: equivalent to an unknown base frame."""
         if self.sights is None or self.measured.any():
             return False
         return bool((self.sights.contact[self.sights.seen] >= 0).all())
 
     @cached_property
     def load_scale(self) -> float:
-        """Largest force of the log, robustly. [N]."""
+        """Return a robust largest force of the log: the 95th percentile. [N]."""
         force = np.linalg.norm(np.nan_to_num(self.wrench[:, :3]), axis=1)
         return float(np.percentile(force, 95)) if len(force) else 0.0
 
     @cached_property
     def load_varies(self) -> bool:
-        """Tell whether the external load changes by more than a sensor's noise."""
+        """Return whether the external load changes by more than the noise of the sensor."""
         wrench = self.wrench[self.usable]
         if not len(wrench):
             return False
         return bool(self.is_load(np.ptp(np.percentile(wrench, (3, 97), axis=0), axis=0)[None])[0])
 
     def is_load(self, wrench: Array) -> NDArray[np.bool_]:
-        """Tell which wrenches, (n, 6) [N, N m], or changes of one are more than the sensor's noise. Shape (n,)."""
+        """Return which wrenches or changes of wrench, (n, 6) [N, N m], exceed the noise of the sensor. Shape (n,)."""
         force = np.linalg.norm(np.nan_to_num(wrench[:, :3]), axis=1)
         moment = np.linalg.norm(np.nan_to_num(wrench[:, 3:]), axis=1)
         share = SAME_LOAD * self.load_scale
@@ -167,9 +167,9 @@ class Campaign(Shown):
 
     @cached_property
     def visit(self) -> NDArray[np.int_]:
-        """Number of the visit of each row: neither joints nor load changed since the row before. Shape (n,).
+        """Number the visits: consecutive rows with equal joints, load, target and mode. Shape (n,).
 
-        Every row of a path is a visit of its own.
+        Every row of a path is a separate visit.
         """
         if not len(self):
             return np.zeros(0, int)
@@ -182,9 +182,9 @@ class Campaign(Shown):
 
     @cached_property
     def stay(self) -> NDArray[np.int_]:
-        """Number of the stay of each row: the robot has not moved since the row before, whatever its load. Shape (n,).
+        """Number the measured poses in time order: consecutive rows with equal joints at any load. Shape (n,).
 
-        Every row of a path is a stay of its own.
+        Every row of a path counts separately.
         """
         if not len(self):
             return np.zeros(0, int)
@@ -193,12 +193,12 @@ class Campaign(Shown):
 
     @cached_property
     def pose(self) -> NDArray[np.int_]:
-        """Number of the pose of each static row, equal wherever the same joints come back. Shape (n,)."""
+        """Return the number of the pose of each row, equal for equal joint positions. Shape (n,)."""
         return number_rows(np.round(np.nan_to_num(self.q) / (20 * STATIC_JITTER)))
 
     @cached_property
     def last_move(self) -> Array:
-        """Length of the last move of each joint that moved, NaN where it is unknown. Shape (n, nq). [rad or m]."""
+        """Return the last nonzero move of each joint, with sign, NaN if unknown. Shape (n, nq). [rad or m]."""
         if self.moved is not None:
             return self.moved
         moves = np.diff(np.nan_to_num(self.q), axis=0, prepend=np.nan_to_num(self.q[:1]))
@@ -213,17 +213,17 @@ class Campaign(Shown):
 
     @cached_property
     def approach(self) -> Array:
-        """Sign of the last move of each joint, 0 where it is unknown. Shape (n, nq)."""
+        """Return the sign of the last move of each joint, 0 if unknown. Shape (n, nq)."""
         return np.asarray(np.sign(np.nan_to_num(self.last_move)))
 
     @cached_property
     def first_visit(self) -> NDArray[np.bool_]:
-        """Tell which rows stand where their run began, so that their approach is unknown. Shape (n,)."""
+        """Return which rows precede the first move of their run, so that their approach is unknown. Shape (n,)."""
         return np.asarray(np.isnan(self.last_move).all(axis=1), bool)
 
     @cached_property
     def speed(self) -> Array:
-        """Joint speeds on paths, zero at rest and where no time is known. Shape (n, nq). [rad/s or m/s]."""
+        """Return joint speeds on paths, zero at rest and without time. Shape (n, nq). [rad/s or m/s]."""
         result = np.zeros_like(self.q)
         if self.time is None:
             return result
@@ -235,7 +235,7 @@ class Campaign(Shown):
 
     @cached_property
     def warming(self) -> Array | None:
-        """Temperature since the first row, or None without a temperature. Shape (n,). [K]."""
+        """Return the temperature change since the first row, or None without a temperature. Shape (n,). [K]."""
         if self.temperature is None or not np.isfinite(self.temperature).any():
             return None
         rows = np.arange(len(self))
@@ -245,7 +245,7 @@ class Campaign(Shown):
 
     @cached_property
     def reference_temperature(self) -> float:
-        """Temperature at the first row, from a straight line through the first five readings. [C]."""
+        """Return the temperature at the first row, by linear regression of the first five readings. [C]."""
         rows = np.zeros(0, int) if self.temperature is None else np.flatnonzero(np.isfinite(self.temperature))[:5]
         if self.temperature is None or not len(rows):
             return float("nan")
@@ -254,11 +254,11 @@ class Campaign(Shown):
 
     @cached_property
     def unloaded(self) -> NDArray[np.bool_]:
-        """Tell which rows carry no external load but the sensor's noise. Shape (n,)."""
+        """Return which rows have no external load beyond the noise of the sensor. Shape (n,)."""
         return ~self.is_load(self.wrench)
 
     def take(self, rows: NDArray[np.int_] | NDArray[np.bool_]) -> Campaign:
-        """Take some rows; what follows from the order of rows is computed anew from the rows that are left."""
+        """Select rows; properties derived from the order of rows are computed anew from the selected rows."""
         fields: dict[str, Any] = {}
         for name in (
             "run", "q", "wrench", "position", "rotation", "time", "temperature", "link", "motor", "sigma",
@@ -274,7 +274,7 @@ def make_log(
     sigma: ArrayLike | None = None, sigma_rotation: ArrayLike | None = None, link_side: ArrayLike = False,
     encoder: ArrayLike | None = None,
 ) -> Campaign:  # fmt: skip
-    """Make a log of settled poses from arrays.
+    """Build a log of static poses from arrays.
 
     Args:
         q: Commanded joint positions. Shape (n, nq). [rad, m]

@@ -1,7 +1,7 @@
-"""What a measurement log cannot hold: joints beyond any turn, forces of a rocket, clocks that run back, sigma of zero.
+"""Plausibility checks of a measurement log: joints, forces, time order, standard deviations, units.
 
-One row in fifty may be a gross outlier: a few absurd rows are left out, with a note; more of them are a mistake of
-units, and refused with one sentence. Rows that were pasted again measure nothing anew.
+One row in fifty may be a gross outlier: a few implausible rows are left out, with a note; more of them indicate wrong
+units and are rejected. Duplicated rows count once.
 """
 
 from __future__ import annotations
@@ -18,22 +18,22 @@ from compplan.io.tables import Table
 from compplan.measurement.campaign import Campaign
 from compplan.robot import Array, Robot
 
-#: Beyond its limits a joint may read one turn [rad] or this way [m] more: zeros that are off, limits that were opened.
+#: Greatest joint reading beyond its limits [rad], [m]: wrong zeros, extended limits.
 TURN, WAY = 2.0 * np.pi, 10.0
-#: Greatest force [N], moment [N m], length of a campaign [s] and standard deviation [m, rad] that are taken for true.
+#: Greatest plausible force [N], moment [N m], duration of a campaign [s] and standard deviation [m, rad].
 MOST_FORCE, MOST_MOMENT, LONGEST, MOST_SIGMA = 1e6, 1e6, 1e8, 1.0
-#: Temperatures that instruments and robots stand. [C]
+#: Range of plausible temperatures. [C]
 COLDEST, HOTTEST = -60.0, 300.0
 #: Share of the rows that may be gross outliers (measurement log, contract).
 OUTLIERS = 0.02
-#: Rows that a fit needs at the least, and the greatest rotation vector of a measured orientation. [rad]
+#: Fewest rows of a fit, and greatest rotation vector of a measured orientation. [rad]
 LEAST_ROWS, MOST_TURN = 3, 4.0 * np.pi
-#: Joints that move less stand still [rad or m]; positions that spread more have moved [m], and less have not [m].
+#: Joints are at rest below STILL [rad or m]; positions have moved above MOVED [m], and are equal up to SAME [m].
 STILL, MOVED, SAME = 1e-9, 0.05, 1e-9
-#: Joints that move more come to other positions. [rad or m]
+#: Joint motion above which positions must differ. [rad or m]
 FAR_APART = 1e-2
-#: Units that logs are written in by mistake, against the millimetres that the column says (theory); distances that are
-#: as far apart as another unit's to this share are in that unit, where the farthest is more than this (assumed). [m]
+#: Units by the ratio of measured to true distances if the column states millimetres (theory); relative tolerance of the
+#: ratio, and least distance of points for the check (assumed). [m]
 UNITS = {
     1e-3: "metres", 1e-2: "decimetres", 1e-1: "centimetres", 1 / 25.4: "inches", 1e3: "micrometres",
     25.4: "millimetres taken for inches",
@@ -42,10 +42,10 @@ ALIKE, DISTANT = 0.3, 20e-3
 
 
 def check_campaign(campaign: Campaign, robot: Robot, table: Table) -> Campaign:
-    """Return the campaign without rows that are absurd, told in its notes.
+    """Return the campaign without implausible rows, which its notes list.
 
     Raises:
-        InputError: With file and line, if so many rows are that it is a mistake of the whole log, or the log
+        InputError: With file and line, if more than 2 % of the rows (and more than one) are implausible, or the log
             contradicts itself.
     """
     _check_values(campaign, table)
@@ -80,7 +80,7 @@ def check_campaign(campaign: Campaign, robot: Robot, table: Table) -> Campaign:
 
 
 def describe_unit(measured: Array, predicted: Array) -> str:
-    """Say in which other unit measured points seem to be, from distances between predicted ones, (n, 3) [m]; or ""."""
+    """Describe the probable unit of measured points by distances of predicted ones, (n, 3) [m]; "" if plausible."""
     half = len(predicted) // 2
     seen, expected = (np.linalg.norm(p[half : 2 * half] - p[:half], axis=1) for p in (measured, predicted))
     if expected.max(initial=0.0) < DISTANT:
@@ -93,14 +93,14 @@ def describe_unit(measured: Array, predicted: Array) -> str:
 
 
 def check_unit(campaign: Campaign, predicted: Array) -> None:
-    """Refuse a log whose positions are in another unit than those of the TCP (predicted, (n, 3) [m])."""
+    """Reject a log whose positions are in another unit than those of the TCP (predicted, (n, 3) [m])."""
     known = np.isfinite(campaign.position).all(1) & np.isfinite(predicted).all(1)
     if said := describe_unit(campaign.position[known], predicted[known]):
         raise InputError(said, file=campaign.file)
 
 
 def check_runs(campaign: Campaign) -> None:
-    """Refuse a log in which every row is a run of its own, or which is too short: there is nothing to learn from it."""
+    """Reject a log with too few usable rows, or with a separate run label in every row."""
     n, usable = len(campaign), int(campaign.usable.sum())
     if usable < LEAST_ROWS:
         message = f"{usable} rows have joints, load and position, expected at least {LEAST_ROWS}"
@@ -111,7 +111,7 @@ def check_runs(campaign: Campaign) -> None:
 
 
 def _check_values(campaign: Campaign, table: Table) -> None:
-    """Refuse standard deviations, temperatures and orientations that there are not."""
+    """Reject implausible standard deviations, temperatures and orientations."""
     for name, values, low, high, unit, expected in (
         (table.headers.get("sigma_position"), campaign.sigma, LEAST_SIGMA, MOST_SIGMA, "m", ""),
         (table.headers.get("sigma_rotation"), campaign.sigma_rotation, LEAST_SIGMA, MOST_SIGMA, "rad", ""),
@@ -147,7 +147,7 @@ def _check_clock(campaign: Campaign, table: Table) -> None:
 
 
 def _absurd_rows(campaign: Campaign, robot: Robot) -> dict[str, NDArray[np.bool_]]:
-    """Tell which rows hold joints, encoders, loads or turns beyond what there is, by what they hold."""
+    """Return the rows with implausible joints, encoder readings or loads, by quantity."""
     room = np.where(robot.prismatic, WAY, TURN)
     rows: dict[str, NDArray[np.bool_]] = {}
     for name, joints in (("joint", campaign.q), ("link", campaign.link), ("motor", campaign.motor)):
@@ -161,7 +161,7 @@ def _absurd_rows(campaign: Campaign, robot: Robot) -> dict[str, NDArray[np.bool_
 
 
 def _describe(about: str, campaign: Campaign, robot: Robot, row: int) -> str:
-    """Say what is absurd in a row."""
+    """Describe the implausible value of a row."""
     if about == "wrench":
         size = np.abs(campaign.wrench[row])
         k = int(np.argmax(size))
@@ -181,7 +181,7 @@ def _describe(about: str, campaign: Campaign, robot: Robot, row: int) -> str:
 
 
 def _before(values: Array, bad: NDArray[np.bool_]) -> Array:
-    """Return the rows with each bad one in the state of the last good one, so that no move is made up."""
+    """Replace each bad row by the last good one, so that no artificial move appears."""
     good = np.flatnonzero(~bad)
     if not len(good):
         return values
@@ -190,7 +190,7 @@ def _before(values: Array, bad: NDArray[np.bool_]) -> Array:
 
 
 def _check_motion(campaign: Campaign, table: Table) -> None:
-    """Refuse positions that stay while the joints move, and joints that stay while the positions move."""
+    """Reject constant positions with moving joints, and constant joints with moving positions."""
     rows = campaign.usable & campaign.measured
     if rows.sum() < 3:
         return
@@ -207,16 +207,16 @@ def _check_motion(campaign: Campaign, table: Table) -> None:
 
 
 def list_notes(notes: Sequence[str], shown: int = 5) -> list[str]:
-    """Return notes on a log as lines, the many in one."""
+    """Format notes on a log as lines; summarise those beyond `shown` in one line."""
     lines = [f"note: {note}" for note in notes[:shown]]
     return lines if len(notes) <= shown else [*lines, f"note: and {len(notes) - shown} more of them"]
 
 
 def find_pasted(table: Table) -> NDArray[np.bool_]:
-    """Find the rows that say what an earlier row says, in every column. Shape (n,).
+    """Find rows that repeat an earlier row in every column. Shape (n,).
 
-    Where the log has a clock, two rows that agree in time and in all that was read are one. Without a clock a repeated
-    measurement may agree by chance, as rounded readings do; then only a log that repeats itself whole counts as pasted.
+    In a log with time stamps, rows equal in all columns are duplicates. Without them repeated measurements may agree by
+    rounding; then only a log that consists of complete repetitions counts as duplicated.
     """
     n = len(table)
     columns = [table.values[key] for key in table.values] + [

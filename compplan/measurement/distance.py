@@ -1,4 +1,4 @@
-"""Distances that normal errors keep within, and a conformal step that widens them to what was seen."""
+"""Quantiles of the length of normal error vectors, and conformal calibration of error bands."""
 
 from __future__ import annotations
 
@@ -9,16 +9,15 @@ from scipy.special import gammaincinv
 from compplan.robot import Array
 
 LEVEL = 0.95
-#: Greatest factor that a conformal step may find; beyond it the model of the errors is none.
+#: Greatest calibration factor: a larger one would indicate an invalid error model.
 MOST_FACTOR = 20.0
 
 
 def band_radius(covariance: Array, level: float = LEVEL, mean: Array | None = None) -> Array:
-    """Return the distance that a normal error of three components keeps within. Shape (n, 3, 3) -> (n,). [m]
+    """Return the quantile of the length of a normal error of three components. Shape (n, 3, 3) -> (n,). [m]
 
-    The quantile of |m + x|^2, x of the covariance V, from its first three moments [Buckley1988]: tr V + m.m,
-    2 tr V^2 + 4 m.V m, 8 tr V^3 + 24 m.V^2 m. Exact for m = 0 where one eigenvalue, or several equal ones, make all
-    of V.
+    The quantile of |m + x|^2, x of covariance V, from its first three cumulants [Buckley1988]: tr V + m.m,
+    2 tr V^2 + 4 m.V m, 8 tr V^3 + 24 m.V^2 m. Exact for m = 0 if all nonzero eigenvalues of V are equal.
 
     Args:
         covariance: Covariance of the error. Shape (n, 3, 3). [m^2]
@@ -40,15 +39,15 @@ def band_radius(covariance: Array, level: float = LEVEL, mean: Array | None = No
 
 
 def calibrate_band(error: Array, model: Array, noise: Array, group: NDArray[np.int_]) -> tuple[float, int]:
-    """Find the factor k >= 1 on the model's deviations that makes the band hold the errors of poses it never saw.
+    """Find the least factor k >= 1 on the model's deviations whose band covers the errors of poses left out of the fit.
 
-    Split conformal over groups [Vovk2005]: each group scores the root mean square of its errors over their radii, and
+    Split conformal over groups [Vovk2005]: the score of a group is the mean square of its errors over their radii, and
     the ceil((m + 1) LEVEL)-th of m scores may not exceed one. With fewer groups than the level needs (19 for 95 %) the
-    largest score counts. Returns the factor and the number of groups.
+    largest score counts. Returns the factor, at most `MOST_FACTOR`, and the number of groups.
 
     Args:
-        error: Measured minus predicted, of rows that the model never saw. Shape (n, 3). [m]
-        model: Covariance that the model states for them. Shape (n, 3, 3). [m^2]
+        error: Measured minus predicted, of rows left out of the fit. Shape (n, 3). [m]
+        model: Covariance of the prediction. Shape (n, 3, 3). [m^2]
         noise: Covariance of the measurement. Shape (n, 3, 3). [m^2]
         group: Group of each row, such as its pose. Shape (n,).
     """

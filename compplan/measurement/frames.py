@@ -1,4 +1,4 @@
-"""Fit frames to a campaign (instrument, target, contacts), move them, and differentiate measured poses by them."""
+"""Fit frames of a campaign (instrument, target, contacts), move them, and differentiate measured poses by them."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from compplan.measurement.observations import Observations, along
 from compplan.measurement.registration import CONTACTS, PARTS, Registration
 from compplan.robot import Array
 
-#: Along and about which axes a frame moves.
+#: Degrees of freedom of a frame: translations and rotations.
 TURNS: tuple[str, ...] = ("tx", "ty", "tz", "rx", "ry", "rz")
 STEPS = 60
-#: Rows that fix a frame at the least, and the extent of places that are one place. [m]
+#: Fewest rows that determine a frame, and extent below which positions are equal. [m]
 LEAST_ROWS, STANDING = 3, 1e-6
-#: A step below this has converged [m or rad].
+#: Step size of convergence. [m or rad]
 SETTLED = 1e-10
-#: Radians of orientation that weigh as much as a metre of position.
+#: Weight of an orientation residual relative to a position residual. [m/rad]
 ANGLE_WEIGHT = 0.5
 
 
@@ -32,9 +32,9 @@ def frame_columns(
 ) -> list[Array]:  # fmt: skip
     """Differentiate measured poses by the fitted frames, in the order of `move_frames`. Shapes (n, 6, 3 or 6).
 
-    position: measured points as predicted, measuring frame, (n, 3) [m]; tcp_rotation: base axes, (n, 3, 3); target:
-    index of the measured point, (n,); turned: whether orientation is measured, without it a tool is a point; sights:
-    what other instruments saw: places of contacts move it, the base of a tracker does not.
+    position: predicted measured points, measuring frame, (n, 3) [m]; tcp_rotation: base axes, (n, 3, 3); target: index
+    of the measured point, (n,); turned: whether orientation is measured, otherwise a tool is a point; sights: other
+    observations, which depend on contact positions and not on the base of a tracker.
     """
     n, parts = len(position), []
     if "base" in frames.parts:
@@ -63,7 +63,7 @@ def frame_columns(
 
 
 def name_frames(frames: Registration, turned: bool) -> list[tuple[str, str, tuple[str, ...]]]:
-    """Name the fitted frames in the order of `move_frames`: label, part, and along or about which axes each moves."""
+    """Return label, part, and degrees of freedom of each fitted frame, in the order of `move_frames`."""
     many = len(frames.tool) > 1
     found = [("base", "base", TURNS)] if "base" in frames.parts else []
     if "tool" in frames.parts:
@@ -75,7 +75,7 @@ def name_frames(frames: Registration, turned: bool) -> list[tuple[str, str, tupl
 
 
 def move_frames(frames: Registration, change: Array, turned: bool) -> Registration:
-    """Move the fitted frames by a step: each turns about its own origin, in measuring axes and in TCP axes."""
+    """Move the fitted frames by a step: base in measuring axes, tools in TCP axes, rotation about their origins."""
     base, tools, used = frames.base.copy(), frames.tool.copy(), 0
     moved = [(base, 6)] if "base" in frames.parts else []
     if "tool" in frames.parts:
@@ -99,22 +99,22 @@ def fit_registration(
     rows: NDArray[np.bool_] | None = None,
     start: Registration | None = None,
 ) -> Registration:
-    """Fit frames and places of contacts to a campaign, robustly; the robot's own poses stay as they are.
+    """Fit frames and contact positions to a campaign, robustly; the poses of the robot are not changed.
 
-    Minimises the distance of T_world_base T_base_tcp T_tcp_target from the measured targets, orientation included where
-    it was measured, and what `compplan.measurement.observations` says of other instruments, by Gauss-Newton steps with
+    Minimises the distance of T_world_base T_base_tcp T_tcp_target from the measured targets, including orientation if
+    measured, and the residuals of other instruments (`compplan.measurement.observations`), by Gauss-Newton steps with
     Huber weights, started from the best rigid fit of the positions.
 
     Args:
-        campaign: What was measured.
-        position: TCP that the robot model predicts, base frame. Shape (n, 3). [m]
-        rotation: Its orientation. Shape (n, 3, 3).
-        parts: Which of "base", "tool" and "contact" to fit.
+        campaign: The measurements.
+        position: TCP predicted by the robot model, base frame. Shape (n, 3). [m]
+        rotation: Predicted orientation of the TCP. Shape (n, 3, 3).
+        parts: Frames to fit, of "base", "tool" and "contact".
         rows: Rows to use; all usable ones if left out. Shape (n,), bool.
-        start: Frames to begin with, and to keep where they are not fitted; base frame and target offset if left out.
+        start: Initial frames, kept unless fitted; identity and target offset if left out.
 
     Raises:
-        InputError: If the rows cannot fix a frame: fewer than three, or the tool at one place in all of them.
+        InputError: If the rows do not determine a frame: fewer than three, or the tool at one place in all of them.
     """
     use = campaign.usable if rows is None else np.asarray(rows, bool) & campaign.usable
     index = np.flatnonzero(use)
@@ -139,7 +139,7 @@ def fit_registration(
 
 
 def _check_rows(campaign: Campaign, position: Array, count: int, parts: Sequence[str]) -> None:
-    """Refuse rows that leave frames open: too few of them, or none in which the tool or the target has moved."""
+    """Reject rows that do not determine the frames: too few, or without motion of the tool or the target."""
     asked = [part for part in parts if part in PARTS]
     words = f"--register {','.join(asked)}" if asked else "a log of contacts"
     if count < LEAST_ROWS:
@@ -153,7 +153,7 @@ def _check_rows(campaign: Campaign, position: Array, count: int, parts: Sequence
 
 
 def _start_base(log: Campaign, position: Array, rotation: Array) -> Array:
-    """Start from orientations where there are any, otherwise from the best rigid fit of the positions."""
+    """Estimate the initial base frame from at least three orientations, otherwise by a rigid fit of the positions."""
     base, here = np.eye(4), log.measured
     p, R, measured = position[here], rotation[here], log.position[here]
     turned = np.full((len(p), 3, 3), np.nan) if log.rotation is None else log.rotation[here]
@@ -179,7 +179,7 @@ def _base_rotation(R: Array, turned: Array) -> Array:
 
 
 def _step(log: Campaign, p: Array, R: Array, frames: Registration) -> Array:
-    """Take one weighted Gauss-Newton step, in the order of `move_frames`. p, R: TCP of the model at the rows."""
+    """Compute a weighted Gauss-Newton step, in the order of `move_frames`. p, R: TCP of the model at the rows."""
     base, local, turned, sights = frames.base, frames.tool[log.target_index], log.rotation, log.sights
     point = p + np.einsum("nij,nj->ni", R, local[:, :3, 3])
     seen = point @ base[:3, :3].T + base[:3, 3]

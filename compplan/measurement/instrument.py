@@ -1,4 +1,4 @@
-"""Instruments other than a tracker: the file that describes one, and the columns of a log that it fills."""
+"""Instruments other than a tracker: description file, and columns of a measurement log."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ from compplan.io.tomlfile import SchemaOne, StrictTable, Vector3, read_toml_mode
 from compplan.measurement.observations import CONTACT, DISTANCE, POSITION, READING, KnownDistances, Observations
 from compplan.robot import Array
 
-#: Standard deviation of contacts, readings and distances where no file states one (assumed: a dial gauge). [m]
+#: Default standard deviation of contacts, readings and distances (assumed: a dial gauge). [m]
 ASSUMED_SIGMA = 5e-5
-#: Standard deviation of a known distance where the file states none (assumed: a caliper). [mm]
+#: Default standard deviation of a known distance (assumed: a caliper). [mm]
 ASSUMED_DISTANCE_MM = 0.02
-#: How far the length of a direction may be from 1: rounding, or other numbers (assumed).
+#: Tolerance of the length of a unit vector (assumed: rounding).
 ROUNDING = 0.01
 #: Greatest distance of an instrument from the robot's base along an axis: a kilometre. [mm]
 Place = Annotated[float, Field(ge=-1e6, le=1e6)]
@@ -50,7 +50,7 @@ class DistanceTable(StrictTable):
 
 
 class InstrumentTable(StrictTable):
-    """[instrument]: how well it sees, and where its frame stands in the robot's base."""
+    """[instrument]: standard deviation, and pose of its frame in the base frame of the robot."""
 
     sigma_mm: Annotated[float, Field(ge=LEAST_SIGMA_MM, le=100.0)] | None = None
     position_mm: Annotated[tuple[Place, Place, Place], Field(strict=False)] = (0.0, 0.0, 0.0)
@@ -67,29 +67,29 @@ class InstrumentFile(StrictTable):
 
 @dataclass(frozen=True)
 class ObservedRows:
-    """Sights of a log, with what belongs to them."""
+    """Observations of a log without positions, and their standard deviations."""
 
-    sights: Observations  #: The sights.
-    sigma: Array  #: Standard deviation of each row, NaN where it is no sight. Shape (n,). [m]
-    notes: tuple[str, ...]  #: What was assumed or cannot be told, one sentence each.
+    sights: Observations  #: The observations.
+    sigma: Array  #: Standard deviation of each row, NaN for a position. Shape (n,). [m]
+    notes: tuple[str, ...]  #: Notes on assumptions and missing information, one sentence each.
 
 
 def read_instrument(file: Path) -> InstrumentFile:
     """Read instrument.toml.
 
     Raises:
-        InputError: If it is none.
+        InputError: If the file is invalid.
     """
     return read_toml_model(InstrumentFile, file)
 
 
 def read_observations(table: Table, position: Array, instrument: InstrumentFile | None) -> ObservedRows | None:
-    """Read the columns contact, reading, dir and distance of a log; None where it has none of them.
+    """Read the columns contact, reading, dir and distance of a log; None if it has none of them.
 
-    position: positions of the log, NaN where there are none, (n, 3) [m].
+    position: positions of the log, NaN if missing, (n, 3) [m].
 
     Raises:
-        InputError: With file and line, if a row says two things at once, or not all that belongs to one.
+        InputError: With file and line, if a row contains conflicting or incomplete observations.
     """
     if not any(key in table for key in ("contact", "reading", "distance")):
         return None
@@ -100,7 +100,7 @@ def read_observations(table: Table, position: Array, instrument: InstrumentFile 
     reading, distance = table.values.get("reading", nothing), table.values.get("distance", nothing)
     kind = np.where(np.isfinite(distance), DISTANCE, np.where(np.isfinite(reading), READING, POSITION))
     measured = np.asarray(np.isfinite(position).all(axis=1))
-    # a label that is read elsewhere is no socket: its empty rows were not measured
+    # a label with readings or distances in other rows is not a socket: its empty rows were not measured
     empty = (kind == POSITION) & (contact >= 0) & ~measured
     contact = np.where(empty & np.isin(contact, contact[~empty & (kind != POSITION)]), -1, contact)
     kind = np.where(empty & (contact >= 0), CONTACT, kind)
@@ -146,7 +146,7 @@ def _number_contacts(table: Table) -> tuple[tuple[str, ...], NDArray[np.int_]]:
 def _check_rows(
     table: Table, kind: NDArray[np.int_], contact: NDArray[np.int_], reading: Array, measured: NDArray[np.bool_]
 ) -> None:
-    """Refuse rows that contradict themselves."""
+    """Reject rows with conflicting observations."""
     length = np.nan_to_num(table.values.get("distance", reading))
     wrong = {
         "a row has reading_mm and distance_mm, expected one of them": (kind == DISTANCE) & np.isfinite(reading),
@@ -163,7 +163,7 @@ def _check_rows(
 
 
 def _check_met_again(table: Table, contact: NDArray[np.int_]) -> None:
-    """Refuse contacts that are all met once: nothing is compared with anything."""
+    """Reject a log in which every contact has one row only: nothing can be compared."""
     if np.bincount(contact[contact >= 0], minlength=1).max() < 2:
         raise table.error("every contact has one row only, expected several poses at one place under one label")
 
@@ -171,12 +171,12 @@ def _check_met_again(table: Table, contact: NDArray[np.int_]) -> None:
 def _drop_lonely(
     table: Table, sights: Observations, tied: Sequence[str], measured: NDArray[np.bool_]
 ) -> tuple[Observations, list[str]]:
-    """Drop labels whose rows are so few that the unknown place takes all that they tell, and say so.
+    """Drop contacts with too few rows to determine more than their unknown position; also return a note.
 
-    tied: labels whose place known distances tell something of; measured: rows with a position, (n,).
+    tied: labels with known distances; measured: rows with a position, (n,).
 
     Raises:
-        InputError: If no row is left that tells anything.
+        InputError: If no informative row is left.
     """
     least = np.array([_count_least(sights.take(sights.contact == k)) for k in range(len(sights.names))], int)
     rows = np.bincount(sights.contact[sights.contact >= 0], minlength=len(least))
@@ -195,7 +195,7 @@ def _drop_lonely(
 
 
 def _count_least(rows: Observations) -> int:
-    """Count the rows that a label needs: one more than its unknown place takes."""
+    """Return the least number of rows of a contact: one more than its unknown position requires."""
     if (rows.kind == CONTACT).any():
         return 2
     if (rows.kind == DISTANCE).any():
@@ -204,7 +204,7 @@ def _count_least(rows: Observations) -> int:
 
 
 def read_directions(table: Table, rows: NDArray[np.bool_]) -> Array:
-    """Return unit vectors of the readings in some rows, NaN elsewhere. Shape (n, 3)."""
+    """Read the unit vectors of readings in selected rows, NaN elsewhere. Shape (n, 3)."""
     if not rows.any():
         return np.full((len(table), 3), np.nan)
     if "dir_i" not in table:
@@ -219,7 +219,7 @@ def read_directions(table: Table, rows: NDArray[np.bool_]) -> Array:
 
 
 def _add_distances(sights: Observations, tables: tuple[DistanceTable, ...]) -> tuple[Observations, list[str]]:
-    """Add the known distances whose contacts the log has; return the labels that it has not as well."""
+    """Add the known distances between contacts of the log; also return the labels that are missing in the log."""
     number = {name: k for k, name in enumerate(sights.names)}
     absent = [label for table in tables for label in table.between if label not in number]
     here = [table for table in tables if all(label in number for label in table.between)]

@@ -1,14 +1,14 @@
-"""Sights: what instruments other than a tracker see of the measured point; the one place where their equations stand.
+"""Observations of the measured point by instruments other than a tracker, and their equations.
 
-With the measured point p and an unknown place c, both in the robot's base frame, a row says one of
+With the measured point p and an unknown contact position c, both in the robot's base frame, the kinds of rows are
 
-    contact    0 = c - p               ball in a socket, tip on a cone: the same place in every row of a label
-    reading    s = d^T (p - o - c)     dial gauge, probe along a normal, plane contact; c where a label says that the
-                                       zero is unknown, else 0; o where the zero stands
+    contact    0 = c - p               ball in a socket, tip on a cone: the same position in every row of a label
+    reading    s = d^T (p - o - c)     dial gauge, probe along a normal, plane contact; o: position of the zero; c: its
+                                       unknown offset if the row has a label, otherwise 0
     distance   s = |p - o - c|         ball bar about a fixed centre
-    position   m = p                   a tracker: no sight, the campaign holds it
+    position   m = p                   tracker: stored in the campaign
 
-and [[distance]] of the instrument file says |c_a - c_b|. A contact is three numbers, the others one, along `direction`.
+and [[distance]] of the instrument file is |c_a - c_b|. A contact has three components, the others one (`direction`).
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ POSITION, CONTACT, READING, DISTANCE = range(4)
 
 @dataclass(frozen=True, eq=False)
 class KnownDistances:
-    """Distances between contacts that were measured apart; d of them."""
+    """Distances between contacts that were measured separately; d distances."""
 
-    #: Numbers of the two contacts. Shape (d, 2).
+    #: Indices of the two contacts. Shape (d, 2).
     between: NDArray[np.int_] = field(default_factory=lambda: np.zeros((0, 2), int))
     length: Array = field(default_factory=lambda: np.zeros(0))  #: Distances. Shape (d,). [m]
     sigma: Array = field(default_factory=lambda: np.zeros(0))  #: Their standard deviations. Shape (d,). [m]
@@ -36,7 +36,7 @@ class KnownDistances:
         return len(self.length)
 
     def gap(self, places: Array) -> Array:
-        """Return the known distances minus those of places. Shape (contacts, 3) -> (d,). [m]"""
+        """Return the known distances minus those between places. Shape (contacts, 3) -> (d,). [m]"""
         return np.asarray(self.length - np.linalg.norm(self._apart(places), axis=1))
 
     def slopes(self, places: Array) -> Array:
@@ -54,41 +54,41 @@ class KnownDistances:
 
 @dataclass(frozen=True, eq=False)
 class Observations:
-    """What was seen of the measured point in rows without a position; n rows, base axes."""
+    """Observations of the measured point in rows without a position; n rows, base axes."""
 
-    kind: NDArray[np.int_]  #: POSITION (no sight), CONTACT, READING or DISTANCE. Shape (n,).
-    contact: NDArray[np.int_]  #: Number of the contact, -1 for none. Shape (n,).
+    kind: NDArray[np.int_]  #: POSITION (not an observation), CONTACT, READING or DISTANCE. Shape (n,).
+    contact: NDArray[np.int_]  #: Index of the contact, -1 for none. Shape (n,).
     names: tuple[str, ...]  #: Label of each contact.
-    origin: Array  #: Where a reading or a distance counts from, before its contact. Shape (n, 3). [m]
+    origin: Array  #: Origin o of a reading or a distance. Shape (n, 3). [m]
     direction: Array  #: Unit vector of a reading, NaN elsewhere. Shape (n, 3).
     value: Array  #: Reading or distance, NaN elsewhere. Shape (n,). [m]
     known: KnownDistances = field(default_factory=KnownDistances)  #: Distances between contacts.
 
     @property
     def seen(self) -> NDArray[np.bool_]:
-        """Tell which rows are sights. Shape (n,)."""
+        """Return which rows are observations other than positions. Shape (n,)."""
         return np.asarray(self.kind != POSITION)
 
     @property
     def estimate_scale(self) -> bool:
-        """Tell whether any length was measured: contacts alone look the same for an arm of twice the size."""
+        """Return whether any length was measured: contacts alone do not determine the scale of the arm."""
         return bool(len(self.known) or np.isin(self.kind, (READING, DISTANCE)).any())
 
     def take(self, rows: NDArray[np.int_] | NDArray[np.bool_]) -> Observations:
-        """Take some rows."""
+        """Return the selected rows."""
         picked = {name: getattr(self, name)[rows] for name in ("kind", "contact", "origin", "direction", "value")}
         return replace(self, **picked)
 
     def repeat(self, times: int) -> Observations:
-        """Return the rows so many times, one after the other."""
+        """Repeat all rows `times` times, one block after the other."""
         return self.take(np.tile(np.arange(len(self.kind)), times))
 
     def without(self, rows: NDArray[np.bool_]) -> Observations:
-        """Forget what some rows saw. Shape of `rows`: (n,)."""
+        """Remove the observations of selected rows. Shape of `rows`: (n,)."""
         return replace(self, kind=np.where(rows, POSITION, self.kind), contact=np.where(rows, -1, self.contact))
 
     def drop_contacts(self, gone: NDArray[np.bool_]) -> Observations:
-        """Forget contacts, what their rows saw and the distances to them. Shape of `gone`: (contacts,)."""
+        """Remove contacts, the observations of their rows and their known distances. Shape of `gone`: (contacts,)."""
         number = np.append(np.cumsum(~gone) - 1, -1)
         kept = self.without(np.append(gone, False)[self.contact])
         names = tuple(name for name, out in zip(self.names, gone, strict=True) if not out)
@@ -97,9 +97,9 @@ class Observations:
         return replace(kept, contact=number[kept.contact], names=names, known=known)
 
     def gap(self, point: Array, places: Array) -> Array:
-        """Return seen minus expected as a vector, along the direction where one number was seen; NaN for positions.
+        """Return observed minus expected as a vector, along the direction for one component; NaN for positions.
 
-        point: measured point that a model expects, (n, 3); places: of the contacts, (contacts, 3); base frame. [m]
+        point: measured point by a model, (n, 3); places: contact positions, (contacts, 3); base frame. Shape (n, 3) [m]
         """
         away = self._away(point, places)
         along = self.directions(point, places)
@@ -108,25 +108,25 @@ class Observations:
         return np.where(self.seen[:, None], gap, np.nan)
 
     def directions(self, point: Array, places: Array) -> Array:
-        """Return the direction in which a row tells one number, NaN where it tells all three. Shape (n, 3)."""
+        """Return the direction of an observation of one component, NaN for all three. Shape (n, 3)."""
         away = self._away(point, places)
         unit = away / np.maximum(np.linalg.norm(away, axis=1), 1e-12)[:, None]
         return np.where((self.kind == DISTANCE)[:, None], unit, self.direction)
 
     def place_slopes(self) -> Array:
-        """Differentiate the gap by the places, before it is taken along the direction. Shape (n, 3, contacts, 3)."""
+        """Differentiate the gap by the places, before projection on the direction. Shape (n, 3, contacts, 3)."""
         of = (self.contact[:, None] == np.arange(len(self.names))) & self.seen[:, None]
         return np.asarray(np.einsum("nl,ij->nilj", of.astype(float), np.eye(3)))
 
     def first_rows(self) -> NDArray[np.int_]:
-        """Return the first row of the first contact of each known distance: the row that it goes with. Shape (d,)."""
+        """Return the first row of the first contact of each known distance, 0 without one. Shape (d,)."""
         rows = [np.flatnonzero(self.contact == one) for one in self.known.between[:, 0]]
         return np.array([found[0] if len(found) else 0 for found in rows], int)
 
     def start_places(self, point: Array) -> Array:
-        """Find places to begin with: means of contacts, zeros of readings, centres of spheres. Shape (contacts, 3). [m]
+        """Estimate initial contact positions: medians of contacts, zeros of readings, sphere centres. (contacts, 3) [m]
 
-        point: measured point that a model expects, base frame, NaN where it is unknown. Shape (n, 3). [m]
+        point: measured point by a model, base frame, NaN if unknown. Shape (n, 3). [m]
         """
         places = np.zeros((len(self.names), 3))
         known = np.isfinite(point).all(axis=1)
@@ -142,7 +142,7 @@ class Observations:
 
 
 def along(direction: Array, vectors: Array) -> Array:
-    """Take vectors along the direction of their rows; those of rows without one stay. Shapes (n, 3), (n, 3, ...)."""
+    """Project vectors, (n, 3, ...), on the directions of their rows, (n, 3); rows without direction are unchanged."""
     one = np.isfinite(direction).all(axis=1)
     result = vectors.copy()
     result[one] = np.einsum("ni,nj,nj...->ni...", direction[one], direction[one], vectors[one])
@@ -150,7 +150,7 @@ def along(direction: Array, vectors: Array) -> Array:
 
 
 def _start_place(rows: Observations, point: Array) -> Array:
-    """Find the place of one contact. Shape (3,). [m]"""
+    """Estimate the position of one contact. Shape (3,). [m]"""
     point = point - rows.origin
     if (rows.kind == DISTANCE).any():
         return fit_sphere(point, rows.value)
@@ -161,9 +161,9 @@ def _start_place(rows: Observations, point: Array) -> Array:
 
 
 def fit_sphere(point: Array, distance: Array) -> Array:
-    """Find the centre that points, (n, 3), have distances from. [m]
+    """Fit the centre c of points p, (n, 3), with given distances s, (n,), from it. Shape (3,). [m]
 
-    |p|^2 - s^2 = 2 c^T p - |c|^2 is linear in c and |c|^2; about the mean, so that far places lose nothing.
+    |p|^2 - s^2 = 2 c^T p - |c|^2 is linear in c and |c|^2; points relative to their mean, against cancellation.
     """
     middle = point.mean(axis=0)
     near = point - middle

@@ -1,4 +1,4 @@
-"""Measured points of a cut part (tables, readings along normals, scans), and the surface that they should lie on."""
+"""Measured points of a cut part (tables, readings along normals, scans), and its nominal surface."""
 
 from __future__ import annotations
 
@@ -22,25 +22,25 @@ from compplan.measurement.instrument import read_directions
 from compplan.measurement.reading import rename_title
 from compplan.robot import Array
 
-#: Points farther from the path are no measurement of it. [m]
+#: Greatest distance of a measured point from the path. [m]
 FARTHEST = 0.02
-#: Standard deviation of a scanned point where nothing states one (assumed: a laser line or a structured light). [m]
+#: Default standard deviation of a scanned point (assumed: a laser line or structured light). [m]
 SCAN_SIGMA = 5e-5
-#: Most points that are read; of more an even part is taken (assumed: a part is known long before).
+#: Greatest number of points; a larger scan is thinned evenly (assumed: fewer points suffice).
 MOST_POINTS = 300_000
-#: Columns of a table without a head.
+#: Columns of a table without a header.
 AXES = ("x", "y", "z", "nx", "ny", "nz")
-#: Samples that the triangles near a point are found by; how many of them are looked at first, and where that leaves a
-#: point beside an edge.
+#: Samples of the surface; numbers of nearest samples whose triangles are searched: first, and again if the nearest
+#: place is an edge.
 SAMPLES, NEAR = 200_000, (3, 24)
-#: Lengths are compared in micrometres: trimesh takes products below 1e-12 for zero.
+#: Lengths are scaled to micrometres for trimesh, which treats products below 1e-12 as zero.
 SCALE = 1e6
-#: A point whose nearest place is an edge of the mesh is off it sideways by more than this share of its distance.
+#: Least tangential share of a point's distance from the surface if its nearest place is an edge of the mesh.
 SIDEWAYS = 0.2
 
 
 def read_measured_points(source: Any) -> Table:
-    """Read measured points, of a file or in columns: x_mm y_mm z_mm, s_mm and sigma_mm where known; or a scan.
+    """Read measured points from a file or columns: x_mm y_mm z_mm, optional s_mm and sigma_mm; or a scan.
 
     Raises:
         InputError: If the file is not such a table.
@@ -70,10 +70,10 @@ def read_measured_points(source: Any) -> Table:
 
 
 def _probe_points(table: Table) -> Table:
-    """Turn readings along a direction, from nominal points, into points with normals; other tables stay as they are.
+    """Convert readings along a direction, from nominal points, to points with normals; other tables are unchanged.
 
     Raises:
-        InputError: If a reading has no direction, or one that is no unit vector.
+        InputError: If a reading has no direction, or one that is not a unit vector.
     """
     if "reading" not in table:
         return table
@@ -87,12 +87,12 @@ def _probe_points(table: Table) -> Table:
 
 
 def is_scanned(table: Table) -> bool:
-    """Tell whether points are those of a scan: only their reader numbers them without a unit."""
+    """Return whether points are those of a scan: only tables of `read_scan` have no unit."""
     return table.units.get("x") == ""
 
 
 def find_repeated_points(table: Table) -> NDArray[np.bool_]:
-    """Find points that repeat an earlier row in every number; readings of a probe may agree by rounding. Shape (m,)"""
+    """Find points that repeat an earlier row exactly; none among probe readings, equal by rounding. Shape (m,)."""
     if "reading" in table:
         return np.zeros(len(table), bool)
     values = np.stack([np.nan_to_num(column, nan=np.inf) for column in table.values.values()], axis=1)
@@ -102,10 +102,10 @@ def find_repeated_points(table: Table) -> NDArray[np.bool_]:
 
 
 def read_scan(file: Path) -> Table:
-    """Read a scan in millimetres: columns x y z, and nx ny nz where it has normals. [m]
+    """Read a scan in millimetres: columns x y z, and nx ny nz if it has normals. [m]
 
     Raises:
-        InputError: With file and line, if it holds no points, or anything else than numbers.
+        InputError: With file and line, if it has no points, or rows that are not numeric.
     """
     found = _read_mesh(file) if file.suffix.lower() in MESHES else _read_cloud(file)
     if not len(found):
@@ -128,7 +128,7 @@ def read_scan(file: Path) -> Table:
 
 
 def _read_mesh(file: Path) -> Array:
-    """Read vertices and their normals, those of a cloud where it has them. Shape (n, 3 or 6). [mm]"""
+    """Read vertices, and normals of a mesh or those stored in a cloud. Shape (n, 3 or 6). [mm]"""
     found = open_mesh(file)
     if isinstance(found, trimesh.Trimesh) and len(found.faces):
         return np.hstack([np.asarray(found.vertices, float), np.asarray(found.vertex_normals, float)])
@@ -161,17 +161,17 @@ class Surface:
     """A nominal surface; f triangles."""
 
     corners: Array  #: Corners of the triangles. Shape (f, 3, 3). [m]
-    reach: float  #: How far from the path of the tip the tool makes it. [m]
+    reach: float  #: Greatest distance from the tip at which the tool cuts. [m]
 
     @cached_property
     def normals(self) -> Array:
-        """Unit normals. Shape (f, 3)."""
+        """Return the unit normals. Shape (f, 3)."""
         normal = np.cross(self.corners[:, 1] - self.corners[:, 0], self.corners[:, 2] - self.corners[:, 0])
         return np.asarray(normal / np.linalg.norm(normal, axis=1, keepdims=True))
 
     @cached_property
     def _samples(self) -> tuple[cKDTree, Array]:
-        """Return places on the triangles, their middles among them, and the triangle of each."""
+        """Return samples of the triangles, including their centroids, and the triangle of each sample."""
         edges = self.corners[:, 1:] - self.corners[:, :1]
         area = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1)
         random = np.random.default_rng(0)
@@ -184,8 +184,8 @@ class Surface:
     def find_nearest(self, point: Array) -> tuple[Array, Array, Array]:
         """Find the nearest places of the surface to points, (m, 3). [m]
 
-        Returns the places (m, 3) [m], the normals there (m, 3), and how far each point is off along it (m,) [m]; NaN
-        where the nearest place is an edge that the point lies beside.
+        Returns the places (m, 3) [m], their normals (m, 3), and the distance of each point along the normal (m,) [m];
+        NaN if the nearest place is an edge and the point is not above the surface.
         """
         place, normal, off = self._find_among(point, NEAR[0])
         beside = np.flatnonzero(np.isnan(off))
@@ -194,7 +194,7 @@ class Surface:
         return place, normal, off
 
     def _find_among(self, point: Array, count: int) -> tuple[Array, Array, Array]:
-        """Find the nearest places on the triangles of the nearest samples, as `find_nearest`."""
+        """Find the nearest places on the triangles of the `count` nearest samples; see `find_nearest`."""
         tree, of = self._samples
         triangle = of[tree.query(point, k=count)[1]]
         best, found, distance = triangle[:, 0], np.zeros_like(point), np.full(len(point), np.inf)
@@ -210,15 +210,15 @@ class Surface:
         return found, normal, np.where(aside > SIDEWAYS * distance + 1e-9, np.nan, off)
 
     def move(self, pose: Array) -> Surface:
-        """Bring the surface to another frame by its pose there, shape (4, 4) [m]."""
+        """Transform the surface to another frame by its pose in that frame, shape (4, 4) [m]."""
         return replace(self, corners=self.corners @ pose[:3, :3].T + pose[:3, 3])
 
 
 def read_surface(file: Path, reach: float) -> Surface:
-    """Read the mesh of a nominal part in millimetres, made within a reach of the path of the tip. [m]
+    """Read the mesh of a nominal part in millimetres; reach: greatest distance of the cut from the tip [m].
 
     Raises:
-        InputError: If it is no mesh with triangles.
+        InputError: If the file is not a mesh with triangles.
     """
     if file.suffix.lower() not in MESHES:
         raise InputError(f"ends in {file.suffix!r}, expected a nominal mesh: .stl or .ply", file=file)

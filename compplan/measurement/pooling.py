@@ -1,10 +1,9 @@
-"""Pooling: the rows of one pose become one, with their mean and the standard deviation of that mean.
+"""Pooling of repeated rows: the rows of one pose are replaced by their mean and its standard deviation.
 
 For a static model, n rows of one pose are equivalent to their mean with variance v / n; v is estimated from their
-scatter. Rows are of one pose where joints, load, target and the direction of the last move are alike. The log is cut
-into stretches. If the means of a pose differ between stretches by more than chance, rows are pooled within each
-stretch, so that drift stays visible; otherwise each pose becomes one row, since the model error there is the same at
-every visit.
+scatter. Rows belong to one pose if joints, load, target and approach direction are equal. The log is divided into
+stretches. If the means of a pose differ significantly between stretches, rows are pooled within each stretch, so that
+drift remains visible; otherwise each pose becomes one row, since the model error is the same at every visit.
 """
 
 from __future__ import annotations
@@ -20,25 +19,25 @@ from scipy.special import fdtri
 from compplan.measurement.campaign import FORCE_NOISE, Campaign, number_rows
 from compplan.robot import Array
 
-#: Logs with more rows are pooled, into about so many rows and at most so many stretches (assumed: fewer rows
-#: take a minute as they are; what drifts is seen in twenty).
+#: Number of rows above which a log is pooled, approximate number of means, greatest number of stretches (assumed: up to
+#: 5000 rows take a minute; twenty stretches resolve drift).
 FROM_ROWS, ABOUT, STRETCHES = 5000, 400, 20
-#: Probability of a scatter between stretches that counts as chance (theory: the usual 5 %).
+#: Significance level of the scatter between stretches (theory: the usual 5 %).
 CHANCE = 0.05
-#: Loads of a pose differ by less than this share of the largest one (assumed). [-]
+#: Load resolution of a pose relative to the largest load (assumed). [-]
 LIKE_LOAD = 0.05
-#: A row so many medians of the distances from the middle of its pose is gross and left out (assumed: six deviations).
+#: Greatest distance from the median of a pose, in multiples of the median distance (assumed: six standard deviations).
 GROSS = 4.0
-#: More means than this over the rows are not worth it (assumed).
+#: Greatest ratio of means to rows; above it rows are thinned instead (assumed).
 FEWER = 0.5
 #: Distances below this are rounding. [m]
 ROUNDING = 1e-9
 
 
 def pool_rows(campaign: Campaign) -> Campaign:
-    """Return a campaign of one row a pose where a log has very many rows, said in its notes.
+    """Return a campaign with pooled rows if a log has more than `FROM_ROWS`, with a note.
 
-    Short logs, logs of paths and readings along a direction stay as they are; of very many poses an even part is taken.
+    Short logs, logs of paths and logs of other instruments are unchanged; a log of mostly distinct poses is thinned.
     """
     rows = np.flatnonzero(campaign.usable)
     if len(rows) <= FROM_ROWS or campaign.on_path.any() or campaign.sights is not None:
@@ -69,16 +68,16 @@ def pool_rows(campaign: Campaign) -> Campaign:
 
 
 def find_copies(campaign: Campaign, rows: NDArray[np.int_]) -> NDArray[np.int_]:
-    """Return the places of rows that copy no earlier one exactly: joints, load, place. Shape (k,), ascending."""
+    """Return indices into `rows` of those with distinct joints, load, position and target. Shape (k,), ascending."""
     parts = [campaign.q, campaign.wrench, campaign.position, campaign.target_index[:, None].astype(float)]
     _, first = np.unique(number_rows(np.concatenate(parts, axis=1)[rows]), return_index=True)
     return np.asarray(np.sort(first))
 
 
 def scatter_beyond_chance(position: Array, group: NDArray[np.int_], pose: NDArray[np.int_]) -> bool:
-    """Tell whether means of groups of one pose scatter beyond what the rows within the groups explain.
+    """Test whether the means of the groups of a pose differ significantly, given the scatter within groups (F test).
 
-    position: (n, 3) [m]; group, a part of one pose, and pose of each row: (n,).
+    position: (n, 3) [m]; group: part of a pose, and pose of each row, (n,).
     """
     group, pose = (np.unique(label, return_inverse=True)[1].reshape(-1) for label in (group, pose))
     of_group, of_pose = (_mean(position, label, np.bincount(label).astype(float))[label] for label in (group, pose))
@@ -91,7 +90,7 @@ def scatter_beyond_chance(position: Array, group: NDArray[np.int_], pose: NDArra
 
 
 def number_poses(campaign: Campaign, rows: NDArray[np.int_], most: int = STRETCHES) -> NDArray[np.int_]:
-    """Number the poses of some rows in order of appearance, in each of `most` stretches at most. Shape (rows,)."""
+    """Number the poses of rows in order of appearance, separately in at most `most` stretches. Shape (rows,)."""
     load = np.round(campaign.wrench[rows] / max(LIKE_LOAD * campaign.load_scale, FORCE_NOISE))
     labels = [campaign.run] if campaign.mode is None else [campaign.run, campaign.mode]
     of_labels = [np.unique(label[rows], return_inverse=True)[1].reshape(-1) for label in labels]
@@ -100,7 +99,7 @@ def number_poses(campaign: Campaign, rows: NDArray[np.int_], most: int = STRETCH
     )
     stretches = int(np.clip(ABOUT // (int(pose.max()) + 1), 1, most))
     stretch = np.arange(len(rows)) * stretches // len(rows)
-    # a stay is not cut in two
+    # consecutive rows of a pose are in one stretch
     stay = campaign.stay[rows]
     begins = np.r_[True, np.diff(stay) > 0]
     stretch = stretch[np.maximum.accumulate(np.where(begins, np.arange(len(rows)), 0))]
@@ -112,7 +111,7 @@ def number_poses(campaign: Campaign, rows: NDArray[np.int_], most: int = STRETCH
 
 
 def leave_gross(position: Array, group: NDArray[np.int_]) -> NDArray[np.bool_]:
-    """Tell which rows stand with the others of their pose. Shape (n,)."""
+    """Return which rows are not outliers of their pose. Shape (n,)."""
     order = np.argsort(group, kind="stable")
     kept = np.ones(len(group), bool)
     for part in np.split(order, np.flatnonzero(np.diff(group[order])) + 1):
@@ -149,14 +148,14 @@ def _average(campaign: Campaign, rows: NDArray[np.int_], group: NDArray[np.int_]
 
 
 def _mean(values: Array, group: NDArray[np.int_], count: Array) -> Array:
-    """Return the mean of each group, NaN where a value of it is missing."""
+    """Return the mean of each group, NaN if one of its values is missing."""
     flat = values.reshape(len(values), -1)
     sums = np.stack([np.bincount(group, flat[:, k], len(count)) for k in range(flat.shape[1])], axis=1)
     return np.asarray((sums / count[:, None]).reshape(len(count), *values.shape[1:]))
 
 
 def _sigma(values: Array, stated: Array | None, group: NDArray[np.int_], count: Array) -> Array | None:
-    """Return the standard deviation of each mean: the scatter of all over the root of its rows, else what is stated."""
+    """Return the standard deviation of each mean, from the pooled scatter, or from stated ones if there is none."""
     off = values - _mean(values, group, count)[group]
     known = np.isfinite(off).all(axis=1)
     freedom = values.shape[1] * float(known.sum() - len(count))

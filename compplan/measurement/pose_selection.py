@@ -1,8 +1,8 @@
-"""Which of many measurements to take: greedily by what each adds, then exchanged one by one [Fedorov1972].
+"""Optimal selection of measurements: greedy, then exchange of single candidates [Fedorov1972].
 
-One search for every aim: an aim tells what each candidate is worth beside some that are taken. The loop asks for the
-variance of the tip along a path, the diagnosis for the odds of two explanations. Rows of derivatives H with noise R
-take S H^T (H S H^T + R)^-1 H S off a covariance S.
+The criterion is a function that returns the gain of each candidate in addition to those selected: the variance of the
+tip along a path for a model update, the odds of two explanations for a diagnosis. Measurements with derivatives H and
+noise R reduce a covariance S by S H^T (H S H^T + R)^-1 H S.
 """
 
 from __future__ import annotations
@@ -14,18 +14,18 @@ from numpy.typing import NDArray
 
 from compplan.robot import Array
 
-#: Tells what every candidate is worth beside some that are taken. Shape (m,).
+#: Gain of every candidate in addition to the selected ones. Shape (m,).
 Worth = Callable[[list[int]], Array]
-#: An exchange has to be worth more by this share, so that rounding does not go round in circles.
+#: Least relative improvement of an exchange, against cycles by rounding.
 BETTER = 1e-9
-#: Rounds of exchange (assumed: most choices settle in two).
+#: Greatest number of exchange rounds (assumed: most selections converge in two).
 ROUNDS = 3
-#: What each measurement gains beside a state: its mean (P,) and covariance (P, P), rows (m, c, P) -> (m,).
+#: Gain of each measurement, (m,), given mean (P,) and covariance (P, P) of the state, and rows (m, c, P).
 Gain = Callable[[Array, Array, Array], Array]
 
 
 def grow_choice(worth: Worth, count: int) -> Iterator[tuple[int, float]]:
-    """Take candidates one after the other, each for what it adds to those before it; yield each and what it adds."""
+    """Select `count` candidates greedily; yield each candidate and its gain."""
     taken: list[int] = []
     for _ in range(count):
         gain = worth(taken)
@@ -35,19 +35,19 @@ def grow_choice(worth: Worth, count: int) -> Iterator[tuple[int, float]]:
 
 
 def take_greedily(worth: Worth, count: int) -> list[int]:
-    """Take candidates one after the other, each for what it adds to those before it."""
+    """Select `count` candidates greedily."""
     return [number for number, _ in grow_choice(worth, count)]
 
 
 def settle_choice(worth: Worth, taken: Sequence[int]) -> list[tuple[int, float]]:
-    """Exchange what is taken, and order it by what each adds to those before it; also return what that is."""
+    """Improve a selection by exchanges, and order it greedily; return each candidate and its gain."""
     chosen = exchange_taken(worth, taken)
     grown = grow_choice(lambda order: worth([chosen[k] for k in order])[chosen], len(chosen))
     return [(chosen[k], gain) for k, gain in grown]
 
 
 def exchange_taken(worth: Worth, taken: Sequence[int]) -> list[int]:
-    """Replace what is taken by better candidates, one by one, until none is better or the rounds are over."""
+    """Replace selected candidates by better ones, one by one, until none is better or the rounds are over."""
     taken = list(taken)
     for _ in range(ROUNDS):
         changed = False
@@ -64,10 +64,10 @@ def exchange_taken(worth: Worth, taken: Sequence[int]) -> list[int]:
 
 
 def weight_rows(gain: Gain, covariance: Array, rows: Array, noise: float, mean: Array | None = None) -> Worth:
-    """Tell what every measurement is worth beside some that are taken, for an exchange.
+    """Return the gain of every measurement as a function of those selected.
 
-    covariance before any of them, (P, P), and mean, (P,), zero if left out; rows: derivatives of each measurement,
-    (m, c, P); noise: variance of each component.
+    covariance: prior, (P, P); mean: prior, (P,), zero if left out; rows: derivatives of each measurement, (m, c, P);
+    noise: variance of each component.
     """
     before = np.zeros(len(covariance)) if mean is None else mean
     return lambda taken: gain(*explain_rows(before, covariance, rows[taken], noise), rows)
@@ -79,7 +79,7 @@ def learn_rows(covariance: Array, rows: Array, noise: float) -> Array:
 
 
 def explain_rows(mean: Array, covariance: Array, rows: Array, noise: float) -> tuple[Array, Array]:
-    """Return what is left of a difference m, H m being what measurements show of it, and its covariance after them.
+    """Update mean m and covariance of a difference by measurements of zero: the part H m that they observe is removed.
 
     mean: (P,); covariance: (P, P); rows: derivatives of each measurement, (m, c, P); noise: variance of a component.
     """
@@ -92,14 +92,14 @@ def explain_rows(mean: Array, covariance: Array, rows: Array, noise: float) -> t
 
 
 def _innovate(covariance: Array, rows: Array, noise: float) -> tuple[Array, Array]:
-    """Return H S and the covariance H S H^T + R of what each measurement shows. Shapes (m, c, P), (m, c, c)."""
+    """Return H S and the innovation covariance H S H^T + R of each measurement. Shapes (m, c, P), (m, c, c)."""
     m, c, p = rows.shape
     along = (rows.reshape(m * c, p) @ covariance).reshape(m, c, p)
     return along, np.einsum("mip,mjp->mij", along, rows) + noise * np.eye(c)
 
 
 def measure_gains(covariance: Array, rows: Array, weight: Array, noise: float) -> Array:
-    """Return what each measurement, rows (m, c, P), would take off the trace of S W, both (P, P). Shape (m,)."""
+    """Return the reduction of the trace of S W, both (P, P), by each measurement, rows (m, c, P). Shape (m,)."""
     along, inner = _innovate(covariance, rows, noise)
     outer = np.einsum("mip,mjp->mij", (along.reshape(-1, len(weight)) @ weight).reshape(along.shape), along)
     return np.asarray(np.trace(np.linalg.solve(inner, outer), axis1=1, axis2=2))
@@ -115,7 +115,7 @@ def odds_gains(mean: Array, covariance: Array, rows: Array, noise: float = 1.0) 
 
 
 def take_clear(batches: Iterable[Array], clear: Callable[[Array], NDArray[np.bool_]], count: int) -> Array:
-    """Take postures from batches, (k, nq) each, until `count` of them are clear. Shape (<= count, nq). [rad or m]"""
+    """Collect the clear postures of batches, (k, nq) each, up to `count`. Shape (<= count, nq). [rad or m]"""
     found: list[Array] = []
     for batch in batches:
         found.append(batch[clear(batch)])

@@ -1,13 +1,13 @@
-"""Read a measurement log, and check it before anything is computed from it; write the head of an empty one.
+"""Read and check a measurement log; write the header of an empty one.
 
-Titles of exports of tracker and CMM programs, and of robots, that state axis and unit are read as a log calls them:
+Column titles of tracker and CMM programs, and of robots, that state axis and unit are converted:
 
 | title, in any case and brackets | read as |
 |---|---|
 | X [mm], Measured X (mm), Actual_X_mm, X act. [m] | x_mm, x_m |
 | J1 [deg], Axis 1 (rad), A1 [deg] | q1_deg, q1_rad |
 
-Columns of nominal values and deviations stay what they are. A title without a unit is no column: `doctor` names it.
+Columns of nominal values and deviations are not renamed. A title without a unit is ignored: `doctor` reports it.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from compplan.robot import Array, Robot
 
 _UNIT = r"[ _]*[\[(]?(?P<unit>{units})?[\])]?"
 _SEEN = r"(?:(?:measured|meas\.?|actual|act\.?)[ _]*)?"
-#: Titles (assumed), with name and usual unit in a log.
+#: Patterns of titles (assumed), with column name and usual unit.
 _TITLES = (
     (re.compile(rf"{_SEEN}(?P<of>[xyz]){_UNIT.format(units='mm|m')}", re.IGNORECASE), "{}", "mm"),
     (re.compile(rf"(?P<of>[xyz])[ _]*(?:measured|meas\.?|actual|act\.?){_UNIT.format(units='mm|m')}", re.IGNORECASE),
@@ -55,7 +55,7 @@ _HEAD = """\
 
 
 def log_columns(robot: Robot | None = None) -> list[FileColumn]:
-    """List the columns that a log of this robot may have; of any robot, however many joints, where none is given."""
+    """List the columns of a log of a robot; without a robot those for any number of joints."""
     joints: list[tuple[str, str | tuple[str, ...]]] = [("q#", ("angle", "length"))]
     if robot is not None:
         joints = [(f"q{k}", "length" if slides else "angle") for k, slides in enumerate(robot.prismatic, 1)]
@@ -84,8 +84,8 @@ def read_campaign(source: Any, robot: Robot, instrument: InstrumentFile | None =
     Args:
         source: The CSV file; or its columns, as a DataFrame or by name, units in their names:
             `{"q_deg": array of shape (n, nq), "position_mm": array of shape (n, 3)}`.
-        robot: The robot it belongs to: how many joints it has, and which of them slide.
-        instrument: What is known of an instrument that sees no positions, where there is one.
+        robot: The measured robot: number and kind of its joints.
+        instrument: Description of an instrument other than a tracker, or None.
 
     Raises:
         InputError: If the file is not a measurement log of this robot.
@@ -138,7 +138,7 @@ def read_campaign(source: Any, robot: Robot, instrument: InstrumentFile | None =
 
 
 def _positions(table: Table, instrument: InstrumentFile | None) -> tuple[Array, ObservedRows | None]:
-    """Return the positions, NaN where a row has another sight, and the sights.
+    """Return the positions, NaN in rows with another observation, and the observations.
 
     Raises:
         InputError: If the log has neither.
@@ -192,13 +192,13 @@ def _modes(table: Table) -> NDArray[np.str_] | None:
 
 
 def rename_title(title: str) -> str:
-    """Return a log's name of a column of such an export that states its unit, any other name as it is."""
+    """Convert a column title of an export that states its unit to the name in a log; return any other unchanged."""
     found = _find(title)
     return title if found is None or not found[1] else "_".join(found)
 
 
 def guess_name(title: str) -> str | None:
-    """Return a log's name of a column that states no unit, in the usual one; None of any other column."""
+    """Return the name in a log, with the usual unit, of a column title without a unit; None for any other."""
     found = _find(title)
     return None if found is None or found[1] else f"{found[0]}_{found[2]}"
 
@@ -212,10 +212,10 @@ def _find(title: str) -> tuple[str, ...] | None:
 
 
 def write_log_text(robot: Robot) -> str:
-    """Write the head of an empty log of a robot.
+    """Write the header of an empty log of a robot.
 
     Args:
-        robot: The robot: how many joints it has, and which of them slide.
+        robot: The robot: number and kind of its joints.
     """
     wrench = [f"{name}_{'N' if number < 3 else 'Nm'}" for number, name in enumerate(WRENCH)]
     columns = ["run", "time_s", *robot.joint_headers, *wrench, "x_mm", "y_mm", "z_mm", "temperature_C", "sigma_mm"]

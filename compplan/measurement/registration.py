@@ -1,4 +1,4 @@
-"""Registration: frames that no robot folder can know - where the instrument stood, where the target sat."""
+"""Registration: frames of one campaign - pose of the instrument, position of the target on the tool."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ from compplan.robot import Array, Robot
 from compplan.robot.pose import build_pose
 
 PARTS = ("base", "tool")
-#: The part that belongs to the rows of other instruments: places of their contacts.
+#: Fitted contact positions of other instruments.
 CONTACTS = "contact"
-#: Greatest distance of a registered frame; degrees stay far below it. [mm]
+#: Greatest distance of a registered frame; angles are far below this number in degrees. [mm]
 FARTHEST_MM = 1e6
 
 
@@ -34,14 +34,14 @@ class Registration:
     base: Array  #: Pose of the robot base in the measurement frame. Shape (4, 4). [m]
     tool: Array  #: Pose of each target in the TCP frame. Shape (targets, 4, 4). [m]
     targets: tuple[str, ...] = ("",)  #: Label of each target.
-    parts: tuple[str, ...] = PARTS  #: Which of "base", "tool" and "contact" were fitted.
+    parts: tuple[str, ...] = PARTS  #: Fitted frames, of "base", "tool" and "contact".
     contacts: tuple[str, ...] = ()  #: Label of each contact of the campaign.
-    #: Places of the contacts, base frame of the robot. Shape (contacts, 3). [m]
+    #: Contact positions, base frame of the robot. Shape (contacts, 3). [m]
     places: Array = field(default_factory=lambda: np.zeros((0, 3)))
 
     @staticmethod
     def identity(campaign: Campaign, parts: Sequence[str] = PARTS) -> Registration:
-        """Return the registration that changes nothing: the target is the TCP, or where the campaign says."""
+        """Return the identity registration: the target is the TCP, or at the target offset of the campaign."""
         tools = np.repeat(np.eye(4)[None], len(campaign.target_names), axis=0)
         if campaign.target_offset is not None:
             tools[:, :3, 3] = campaign.target_offset
@@ -58,9 +58,9 @@ class Registration:
 
 
 def fitted_parts(campaign: Campaign, parts: Sequence[str]) -> tuple[str, ...]:
-    """Return the frames that a campaign needs fitted: those asked for, and places of contacts, which nobody knows.
+    """Return the frames to fit for a campaign: the requested ones, and unknown contact positions.
 
-    Rows without a position say nothing of the frame of a tracker: without any position there is no base to fit.
+    The base frame is left out if no row has a position: other observations do not depend on it.
     """
     kept = [part for part in parts if part != "base" or campaign.sights is None or campaign.measured.any()]
     if campaign.sights is not None and campaign.sights.names and CONTACTS not in kept:
@@ -69,10 +69,10 @@ def fitted_parts(campaign: Campaign, parts: Sequence[str]) -> tuple[str, ...]:
 
 
 def campaign_gap(campaign: Campaign, position: Array, registration: Registration | None) -> Array:
-    """Return measured minus expected, base axes: of positions, and of what other instruments saw. Shape (n, 3). [m]
+    """Return measured minus expected, base axes, of positions and other observations. Shape (n, 3). [m]
 
-    position: measured point that a model expects, measuring frame, (n, 3) [m]; registration: its frames, None
-    if the instrument stands in the robot's base frame.
+    position: measured point by a model, measuring frame, (n, 3) [m]; registration: fitted frames, None if the
+    measuring frame is the robot's base frame.
     """
     gap = campaign.position - position
     if registration is not None:
@@ -85,7 +85,7 @@ def campaign_gap(campaign: Campaign, position: Array, registration: Registration
 
 
 def campaign_turn(campaign: Campaign, rotation: Array) -> Array:
-    """Return the turn from expected, (n, 3, 3), to measured, measuring axes, NaN where unknown. Shape (n, 3). [rad]"""
+    """Return the rotation from expected, (n, 3, 3), to measured, measuring axes, NaN if unknown. Shape (n, 3). [rad]"""
     turn = np.full((len(campaign), 3), np.nan)
     if campaign.rotation is not None:
         known = campaign.usable & np.isfinite(campaign.rotation).all(axis=(1, 2))
@@ -95,9 +95,9 @@ def campaign_turn(campaign: Campaign, rotation: Array) -> Array:
 
 
 def campaign_directions(campaign: Campaign, position: Array, registration: Registration | None) -> Array | None:
-    """Return the direction in which a row tells one number, NaN where it tells three, base axes; None: all tell three.
+    """Return the direction of observations of one component, NaN for three, base axes; None if all have three.
 
-    Arguments as of `campaign_gap`.
+    Arguments: see `campaign_gap`.
     """
     if campaign.sights is None or (campaign.sights.kind <= CONTACT).all():
         return None
@@ -107,7 +107,7 @@ def campaign_directions(campaign: Campaign, position: Array, registration: Regis
 
 
 def _places_of(campaign: Campaign, registration: Registration | None, point: Array) -> Array:
-    """Return the places of a campaign's contacts, from the rows themselves where no registration knows them."""
+    """Return the contact positions of a campaign, estimated from its rows if the registration does not have them."""
     assert campaign.sights is not None
     if registration is not None and registration.contacts == campaign.sights.names:
         return registration.places
@@ -115,7 +115,7 @@ def _places_of(campaign: Campaign, registration: Registration | None, point: Arr
 
 
 def stated_registration(campaign: Campaign) -> Registration | None:
-    """Return the registration that a campaign states by its target offset, or None where there is nothing to state."""
+    """Return the registration by the target offset of a campaign, or None without a target offset."""
     return None if campaign.target_offset is None else Registration.identity(campaign, ())
 
 
@@ -132,7 +132,7 @@ class RegistrationPose(StrictTable):
     rotation_deg: Annotated[Vector3, AfterValidator(_check_near)]
 
     def pose(self) -> Array:
-        """Return it as a matrix. Shape (4, 4) [m]."""
+        """Return the pose as a matrix. Shape (4, 4) [m]."""
         turn = Rotation.from_rotvec(np.deg2rad(self.rotation_deg))
         return build_pose(np.array(self.position_mm) * 1e-3, turn.as_matrix())
 
@@ -144,7 +144,7 @@ class TargetTable(RegistrationPose):
 
 
 class RegisteredContact(StrictTable):
-    """[[contact]]: where a contact was, in the base frame of the robot."""
+    """[[contact]]: position of a contact in the base frame of the robot."""
 
     label: str
     position_mm: Annotated[Vector3, AfterValidator(_check_near)]
@@ -216,7 +216,7 @@ def write_registration(registration: Registration, file: Path) -> None:
 
 
 def match_targets(registration: Registration, campaign: Campaign) -> Registration:
-    """Order the tools as a campaign numbers its targets; targets that were never fitted get the mean of the others."""
+    """Order the tools by the targets of a campaign; targets that were not fitted get the first tool."""
     if registration.targets == campaign.target_names:
         return registration
     known = dict(zip(registration.targets, registration.tool, strict=True))

@@ -20,7 +20,7 @@ from compplan.controllers.motion.geometry import build_moves, build_path, follow
 from compplan.controllers.motion.run import follow_command, schedule_path
 from compplan.controllers.writers import widest_zone
 from compplan.controllers.writers.fit import fit_moves
-from compplan.controllers.writers.joint_convention import believed_robot, load_motion
+from compplan.controllers.writers.joint_convention import controller_robot, load_motion
 from compplan.controllers.writers.motion_table import ASSUMED, ServoMotion
 from compplan.controllers.writers.program import build_program
 from compplan.controllers.writers.zones import BlendZone, find_zones
@@ -95,7 +95,7 @@ def _follow_program(
 
     Returns joint positions, shape (k, nq) [rad or m], and their places in waypoint numbers from 0. Shape (k,).
     """
-    believed, nominal = believed_robot(task.robot), task.nominal
+    believed, nominal = controller_robot(task.robot), task.nominal
     exact = task.rests.copy()
     exact[0] |= not nominal.rapid[0]  # an approach ends there
     program = build_program(task.robot, q, np.zeros(len(q)), nominal.rapid, name="executed", time=time,

@@ -34,14 +34,14 @@ LEANING_PIECE = 0.5
 STATIONS = (-1.0, -0.5, 0.0, 0.5, 1.0)
 
 
-def lowest_reach(cutter: Cutter, place: Array, start: Array, end: Array, lean: float = 0.0) -> Array:
+def lowest_reach(cutter: Cutter, place: Array, start: Array, end: Array, axis_penalty: float = 0.0) -> Array:
     """Return the lowest height of the cutter's surface at places during a move; infinite where it does not pass.
 
     At a place c the cutter at p(t) = start + t (end - start) has the height z(t) + h(|c - p(t)|), h its profile.
     Exact for level moves, plunges, flat and ball end mills; a corner radius on a slope is evaluated at five t across
     the place. Shapes (..., 2), (..., 3), (..., 3) -> (...). [m]
 
-    `lean` is the height added per metre from the axis, to rank moves that are equally low. [1]
+    `axis_penalty` is the height added per metre from the axis, to rank moves that are equally low. [1]
     """
     way_x, way_y = end[..., 0] - start[..., 0], end[..., 1] - start[..., 1]
     off_x, off_y = place[..., 0] - start[..., 0], place[..., 1] - start[..., 1]
@@ -52,7 +52,7 @@ def lowest_reach(cutter: Cutter, place: Array, start: Array, end: Array, lean: f
     if not (np.abs(rise) > 1e-12).any():
         t = np.minimum(np.maximum(along, 0.0), 1.0)
         distance = np.hypot(off_x - t * way_x, off_y - t * way_y)
-        return np.asarray(start[..., 2] + cutter.height(distance) + lean * distance)
+        return np.asarray(start[..., 2] + cutter.height(distance) + axis_penalty * distance)
     aside = off_x * off_x + off_y * off_y - along * along * square
     run = np.sqrt(np.where(still, 1.0, square))
     room = np.sqrt(np.maximum(cutter.radius**2 - aside, 0.0)) / run
@@ -66,24 +66,24 @@ def lowest_reach(cutter: Cutter, place: Array, start: Array, end: Array, lean: f
         t = np.minimum(np.maximum(along + station * room * (1.0 - 1e-12), 0.0), 1.0)
         t = np.where(still, rise < 0.0, t)
         distance = np.hypot(off_x - t * way_x, off_y - t * way_y)
-        lowest = np.minimum(lowest, start[..., 2] + t * rise + cutter.height(distance) + lean * distance)
+        lowest = np.minimum(lowest, start[..., 2] + t * rise + cutter.height(distance) + axis_penalty * distance)
     return lowest
 
 
 @dataclass(frozen=True)
-class Claims:
+class MoveMap:
     """Stored moves at each column of a map."""
 
-    lean: float  #: Height added per metre from the axis of a move. [1]
-    height: Array  #: Lowest height of the column, with `lean`. Shape (a, b). [m]
+    axis_penalty: float  #: Height added per metre from the axis of a move. [1]
+    height: Array  #: Lowest height of the column, with `axis_penalty`. Shape (a, b). [m]
     owner: NDArray[np.int32]  #: Move with this height, -1 for none. Shape (a, b).
     before: NDArray[np.int32]  #: Former owner of another pass, the latest one, -1 for none. Shape (a, b).
 
-    def enter(self, flat: NDArray[np.int_], z: Array, moves: NDArray[np.int_], way: Array, apart: float) -> None:
+    def store(self, flat: NDArray[np.int_], z: Array, moves: NDArray[np.int_], length: Array, apart: float) -> None:
         """Store moves at the columns that they cut lower.
 
-        `flat` is the index of a column, `z` its height in a move, with `lean`, `moves` the moves, shape (c,). `way` is
-        the path length up to each move; moves with more than `apart` between them belong to different passes. [m]
+        `flat` is the index of a column, `z` its height in a move, with `axis_penalty`, `moves` the moves, shape (c,).
+        `length` is the path length up to each move; moves over `apart` from each other are of different passes. [m]
         """
         height, owner, before = (grid.reshape(-1) for grid in (self.height, self.owner, self.before))
         better = z < height[flat]
@@ -91,7 +91,7 @@ class Claims:
         former = owner[flat]
         np.minimum.at(height, flat, z)
         won = z <= height[flat]
-        other = won & (former >= 0) & (way[moves] - way[former] > apart)
+        other = won & (former >= 0) & (length[moves] - length[former] > apart)
         before[flat[other]] = former[other]
         owner[flat[won]] = moves[won]
 
@@ -105,13 +105,13 @@ class CutSurface:
     end: Array  #: End of the tip in each move. Shape (m, 3). [m]
     origin: Array  #: Position of the first column. Shape (2,). [m]
     cell: float  #: Distance of columns. [m]
-    floor: Claims  #: The lowest move at each column.
-    wall: Claims  #: The nearest move of those that are about as low, which forms the walls around.
+    floor: MoveMap  #: The lowest move at each column.
+    wall: MoveMap  #: The nearest move of those that are about as low, which forms the walls around.
     #: Axes of the tool at the end of each move as columns, None for an upright tool. Shape (m, 3, 3).
     tilt: Array | None = None
 
     @cached_property
-    def way(self) -> Array:
+    def path_length(self) -> Array:
         """Path length up to the end of each move. Shape (m,). [m]"""
         return np.asarray(np.cumsum(np.linalg.norm(self.end - self.start, axis=1)))
 
@@ -144,13 +144,13 @@ class CutSurface:
         if not len(box):
             return
         place, flat = self.origin + cells * self.cell, cells[:, 0] * shape[1] + cells[:, 1]
-        for claims in (self.floor, self.wall):
+        for each in (self.floor, self.wall):
             if not leans:
-                z = lowest_reach(self.cutter, place, a[box], b[box], claims.lean)
+                z = lowest_reach(self.cutter, place, a[box], b[box], each.axis_penalty)
             else:
                 ends = ((a, leans[0]), (b, leans[1]))
-                z = np.minimum(*(leaning_reach(self.cutter, place, p[box], v[box], claims.lean) for p, v in ends))
-            claims.enter(flat, z, moves[item[box]], self.way, PASS * self.cutter.radius)
+                z = np.minimum(*(leaning_reach(self.cutter, place, p[box], v[box], each.axis_penalty) for p, v in ends))
+            each.store(flat, z, moves[item[box]], self.path_length, PASS * self.cutter.radius)
 
     def _margin(self, axes: list[Array]) -> float:
         """Return the lateral reach of an inclined tool from its tip. [m]"""
@@ -202,7 +202,7 @@ def _between(first: Array, last: Array, item: NDArray[np.int_], share: Array) ->
     return np.asarray(first[item] + share[:, None] * (last - first)[item])
 
 
-def leaning_reach(cutter: Cutter, place: Array, tip: Array, axis: Array, lean: float) -> Array:
+def leaning_reach(cutter: Cutter, place: Array, tip: Array, axis: Array, axis_penalty: float) -> Array:
     """Return approximate heights of an inclined cutter at places; infinite off the cutter, see `lowest_reach`.
 
     Shapes (s, 2), (s, 3), (s, 3) -> (s,). [m]
@@ -219,7 +219,7 @@ def leaning_reach(cutter: Cutter, place: Array, tip: Array, axis: Array, lean: f
         z = z + np.maximum(cutter.height(np.minimum(aside, cutter.radius)) - along - up * z, 0.0) / up
         aside = _stand_off(z, along, up, square, tilt)
     passes &= aside <= cutter.radius * (1.0 + 1e-6)
-    return np.asarray(np.where(passes, tip[:, 2] + z + lean * aside, np.inf))
+    return np.asarray(np.where(passes, tip[:, 2] + z + axis_penalty * aside, np.inf))
 
 
 def _stand_off(z: Array, along: Array, up: Array, square: Array, tilt: Array) -> Array:
@@ -257,8 +257,8 @@ def build_cut_surface(
     cell = max(cutter.radius / CELLS_A_RADIUS, float(np.sqrt(np.prod(size) / MOST_CELLS)))
     shape = tuple((np.ceil(size / cell).astype(int) + 2).tolist())
     floor, wall = (
-        Claims(lean, np.full(shape, np.inf), np.full(shape, -1, np.int32), np.full(shape, -1, np.int32))
-        for lean in (LEVEL_LEAN, WALL_LEAN)
+        MoveMap(axis_penalty, np.full(shape, np.inf), np.full(shape, -1, np.int32), np.full(shape, -1, np.int32))
+        for axis_penalty in (LEVEL_LEAN, WALL_LEAN)
     )
     return CutSurface(cutter, start, end, bounds[0] - 0.5 * cell, cell, floor, wall, tilt)
 

@@ -36,7 +36,7 @@ from compplan.toolpath.contact import ForceTable
 from compplan.toolpath.toolpath import Toolpath, interpolate
 
 #: Inclination of the tool axis from its mean above which a note is written. [deg]
-LEANS = 30.0
+MOST_INCLINATION = 30.0
 #: Valid range of the feed a tooth. [mm]
 FEED_PER_TOOTH = (1e-5, 3.0)
 #: The full edge force acts where the edge moves outwards by at least this share of the feed, and from this feed a tooth
@@ -82,13 +82,13 @@ def shape_milling(found: Engagement, teeth: int, exponent: tuple[float, float, f
         if not len(some):
             continue
         share, here = share[some], first + some
-        weight, bend = turn * share * length[:, None], 1e-3 * found.bend(angle, here)
+        weight, curvature = turn * share * length[:, None], 1e-3 * found.curvature(angle, here)
         out, step = found.engaged_speed(angle, here)
         ploughs = weight * np.minimum(out / PLOUGHS, 1.0)
-        behind = _find_behind(weight, out, bend, step)
+        behind = _find_behind(weight, out, curvature, step)
         halves = 0.5 * share
         chips = {m: weight * (out if m == 0.0 else out ** (1.0 - m)) for m in set(exponent)}
-        growth = 0.5 * bend / np.maximum(out, STEEP)
+        growth = 0.5 * curvature / np.maximum(out, STEEP)
         for c, m in enumerate(exponent):
             more = (1.0 - m) * growth * chips[m]
             for target, k, part in ((straight, c, chips[m]), (curved, c, more), (straight, 3 + c, ploughs),
@@ -98,14 +98,14 @@ def shape_milling(found: Engagement, teeth: int, exponent: tuple[float, float, f
     return MillingShape(straight, curved)
 
 
-def _find_behind(weight: Array, out: Array, bend: Array, step: Array) -> Array:
+def _find_behind(weight: Array, out: Array, curvature: Array, step: Array) -> Array:
     """Return the additional engagement of slices behind the line of zero outward speed, per mm of feed. (n, k, m).
 
-    It is the integral of half the bend over that line, distributed to the bins next to it: bins slower than `step`, the
-    change of speed across a bin, have weights that fall linearly to zero there.
+    It is the integral of half the curvature over that line, distributed to the bins next to it: bins slower than
+    `step`, the change of speed across a bin, have weights that fall linearly to zero there.
     """
     wide = np.maximum(step, STEEP_BEHIND)
-    return np.asarray(weight * bend / wide * np.maximum(1.0 - out / wide, 0.0))
+    return np.asarray(weight * curvature / wide * np.maximum(1.0 - out / wide, 0.0))
 
 
 def edge_wrenches(edge: Slices, angle: Array) -> tuple[Array, Array]:
@@ -246,10 +246,10 @@ def prepare_cutting(
 def _describe_lean(axes: Array) -> list[str]:
     """Return a note where the tool axis inclines so far from its mean that columns miss material under the tool."""
     lean = float(np.degrees(np.arccos(np.clip(axes[:, 2], -1.0, 1.0)).max(initial=0.0)))
-    if lean <= LEANS:
+    if lean <= MOST_INCLINATION:
         return []
     return [f"The tool axis leans by up to {lean:.3g} deg from its mean, along which the stock is seen: beyond "
-            f"{LEANS:g} deg material under overhangs may be missed."]  # fmt: skip
+            f"{MOST_INCLINATION:g} deg material under overhangs may be missed."]  # fmt: skip
 
 
 def _describe_cut(process: CuttingTable, toolpath: Toolpath, found: Engagement, job: Path) -> list[str]:

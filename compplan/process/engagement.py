@@ -204,7 +204,7 @@ class Engagement:
         step[:, lower] = np.where(crosses, np.abs(high - low), 0.0) + np.abs(around_axis)
         return speed, step
 
-    def bend(self, angle: Array, rows: NDArray[np.int_] | slice = slice(None)) -> Array:
+    def curvature(self, angle: Array, rows: NDArray[np.int_] | slice = slice(None)) -> Array:
         """Return the curvature of a corner's surface along the travel, times its share along the surface squared.
 
         Neglected for the side: its relative effect there is feed a tooth over radius. Shape (n, k, m). [1/m]

@@ -239,14 +239,14 @@ class _PointEdge(_EdgeSolver):
         if lower.any():  # a slice moves outwards if one of its ends does
             speeds = self.found.lower_speeds(angles, rows)
             out[:, lower] = np.maximum(*speeds) > SLIDES
-        asked = np.zeros((len(rows), out.shape[1] + 1, len(angles)), dtype=bool)
-        asked[:, :-1] |= out
-        asked[:, 1:] |= out
+        tested = np.zeros((len(rows), out.shape[1] + 1, len(angles)), dtype=bool)
+        tested[:, :-1] |= out
+        tested[:, 1:] |= out
         place = self._place_knots(rows, angles)
-        asked &= place[..., 2] < self.stock.box[1, 2]  # points above the stock are not tested
-        n, j, m = np.nonzero(asked)
-        asked[n, j, m] = self._uncut(place[n, j, m], rows[n], moves)
-        low, high = asked[:, :-1] & out, asked[:, 1:] & out
+        tested &= place[..., 2] < self.stock.box[1, 2]  # points above the stock are not tested
+        n, j, m = np.nonzero(tested)
+        tested[n, j, m] = self._uncut(place[n, j, m], rows[n], moves)
+        low, high = tested[:, :-1] & out, tested[:, 1:] & out
         found = (low & high).astype(np.float32)
         straight = ~lower[:, None]
         n, k, m = np.nonzero((low ^ high) & straight)

@@ -119,7 +119,7 @@ class ForceFit:
     ratio: tuple[float, float]  #: Fitted over predicted force along the log, and its standard deviation.
 
     @property
-    def doubt(self) -> str:
+    def level_warning(self) -> str:
         """Warning that the log may be of another cut, "" if the force ratio is plausible within two sigma."""
         level, wide = self.ratio[0], 2.0 * self.ratio[1]
         if level + wide >= PLAUSIBLE[0] and level - wide <= PLAUSIBLE[1]:

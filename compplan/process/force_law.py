@@ -24,9 +24,9 @@ from compplan.toolpath.contact import (
     Frame,
     PathForceTable,
     contact_share,
+    lateral_share,
     path_axes,
     tool_axes,
-    travel_across,
 )
 from compplan.toolpath.toolpath import Toolpath
 
@@ -97,7 +97,7 @@ class ForceLaw:
             height = (nominal.position - self.T_base_part[:3, 3]) @ self.T_base_part[:3, 2]
             share = np.clip((self.stock_top - height) / (self.process.depth_mm * 1e-3), 0.0, 1.0)
             wrench = np.asarray(wrench * share[:, None])
-        return wrench if self.learned is None else self.learned.push(wrench, self.T_base_part[:3, :3])
+        return wrench if self.learned is None else self.learned.correct(wrench, self.T_base_part[:3, :3])
 
     def _model(self, nominal: Toolpath) -> Array:
         """Return the wrench of the model, without the corrections by stock top and measured parts. Shape (n, 6)."""
@@ -105,7 +105,7 @@ class ForceLaw:
         frame: Frame = getattr(process, "frame", "path")
         if isinstance(process, ColumnsProcess):
             if nominal.wrench is None and process.required:
-                raise _tell_no_force(nominal.source)
+                raise _no_force_error(nominal.source)
             return np.zeros((len(nominal), 6)) if nominal.wrench is None else nominal.wrench
         if isinstance(process, CuttingTable):
             if self.cutting is None:
@@ -176,7 +176,7 @@ def turns_with_travel(process: Process) -> bool:
     return not isinstance(process, ColumnsProcess) and getattr(process, "frame", "path") == "path"
 
 
-def _tell_no_force(source: str) -> InputError:
+def _no_force_error(source: str) -> InputError:
     """Build the error for a job and toolpath without a force, with the possible sources of one."""
     table = source.lower().endswith(".csv")
     known = "missing column fx_N" if table else "no force is given along this path"
@@ -196,7 +196,7 @@ def _check_travel(frame: Frame, wrench: Array, nominal: Toolpath) -> None:
     cut = ~nominal.rapid
     if frame != "path" or not (cut & (np.abs(wrench[:, [0, 1, 3, 4]]).max(axis=1) > 0.0)).any():
         return
-    if not (cut & (travel_across(nominal) > ASIDE)).any():
+    if not (cut & (lateral_share(nominal) > ASIDE)).any():
         message = (
             "the force has a part along or beside the travel, and no cutting move goes across the tool axis: it has no "
             'direction; for drilling give model = "drill", or a constant force with frame = "part"'

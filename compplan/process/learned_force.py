@@ -111,16 +111,16 @@ class LearnedForce:
         planned = f"{self.level:.3g} times the predicted one{turn}"
         return f"The force is planned {planned}, as parts were measured ({self.source})"
 
-    def push(self, wrench: Array, R_base_part: Array) -> Array:
+    def correct(self, wrench: Array, R_base_part: Array) -> Array:
         """Return the corrected wrench. wrench: the predicted one, base axes, shape (n, 6). [N, N m]"""
         if not self.turn.any():
             return np.asarray(self.level * wrench)
         turn = Rotation.from_rotvec(R_base_part @ self.turn if self.axes == "part" else self.turn).as_matrix()
         return np.asarray(self.level * (wrench.reshape(-1, 2, 3) @ turn.T).reshape(-1, 6))
 
-    def undo(self, wrench: Array, R_base_part: Array) -> Array:
+    def invert(self, wrench: Array, R_base_part: Array) -> Array:
         """Return the predicted wrench from a corrected one. Shape (n, 6). [N, N m]"""
-        return replace(self, level=1.0 / self.level, turn=-self.turn).push(wrench, R_base_part)
+        return replace(self, level=1.0 / self.level, turn=-self.turn).correct(wrench, R_base_part)
 
 
 def find_axes(process: Any) -> str:

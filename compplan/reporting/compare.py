@@ -75,9 +75,9 @@ def render_comparison(comparison: Comparison) -> str:
         name_strategy(name): {cell: comparison.evaluations[cell][name].distance * evaluated for cell in (*wrong, own)}
         for name in comparison.commands
     }
-    lede = "A strategy is worth what it leaves where the model is wrong: no model is right." if wrong else ""
+    lede = "Strategies are compared on robots that differ from the model." if wrong else ""
     sections = [
-        Section("Strategies and cells", [_list_cells(comparison, wrong, own)], lede),
+        Section("Strategies and robots", [_list_cells(comparison, wrong, own)], lede),
         Section("Along the path", [chart_strategies(stations, along, 1e3 * task.tolerance)],
                 "Distance of the loaded tool tip from the path."),
     ]  # fmt: skip

@@ -202,7 +202,7 @@ def open_forces(found: ForcePrediction, summary: Mapping[str, Any]) -> Summary:
         figures.append((f"± {100 * level:.0f}\u00a0%", words))
     todo = "Plan with it: compplan plan JOB."
     if found.fit is not None:
-        todo = found.fit.doubt or todo
+        todo = found.fit.level_warning or todo
     elif level is not None and not stated:
         todo = "Measure the force of one cut and give the log: compplan forces JOB --log LOG.csv."
     if summary["stops"]:

@@ -1,4 +1,4 @@
-"""From a job to its Monte Carlo study; the samples are on disk as they come."""
+"""Monte Carlo study and comparison of strategies of a job; finished samples are stored on disk."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ from compplan.uncertainty.assumed import robot_uncertainty
 from compplan.uncertainty.sensitivities import ForceSpread, read_force_spread
 
 SAMPLES = "samples"
-#: Robots that are drawn, their seed, and the waypoints at which they are looked at.
+#: Robots drawn for a comparison, their seed, and greatest number of waypoints.
 DRAWS, SEED, WAYPOINTS = 200, 1, 300
 
 
 @dataclass(frozen=True)
 class JobStudy:
-    """A study of a job with everything that its report shows."""
+    """A study of a job with the content of its report."""
 
     job: Job  #: The job.
     run: Run  #: The samples.
@@ -50,14 +50,14 @@ def study_job(
     announce: Callable[[str], None] | None = None,
     progress: Callable[[str, int, int], None] | None = None,
 ) -> JobStudy:
-    """Study a job; samples go to a folder in the output folder as they come.
+    """Run the Monte Carlo study of a job; finished samples are stored in `folder`.
 
-    strategies: all that the robot can carry out if empty; most_waypoints: a longer path is thinned evenly to this many;
-    discard: whether finished samples of another study in the folder are taken away first; announce: called with what is
-    done next; progress: called with the name of a stage, samples done and samples wanted.
+    strategies: all that the robot supports if empty; most_waypoints: a longer path is thinned evenly to this number;
+    discard: whether to delete finished samples of any study in the folder first; announce: called with the name of each
+    step; progress: called with the name of a stage, finished samples and total samples.
 
     Raises:
-        InputError: If the job is not what it has to be, or the folder cannot be written.
+        InputError: If the job is invalid, or the folder cannot be written.
     """
     say = announce or (lambda text: None)
     note_seed("samples", settings.seed)
@@ -65,7 +65,7 @@ def study_job(
         raise InputError("is a file, expected a folder to write to", file=folder)
     workforce = workforce or Workers()
     workforce.check()
-    # the processes load what they need while this one prepares the study
+    # the worker processes import modules while this one prepares the study
     with start_workers(workforce, settings.samples // LEAST_SAMPLES) as crew:
         say("posture")
         robot, nominal, options = prepare_job(job)
@@ -95,7 +95,7 @@ def compare_job(job: Job, *, announce: Callable[[str], None] = lambda text: None
     """Compare every strategy on a job.
 
     Raises:
-        InputError: If the job is not what it has to be, or the part is out of reach.
+        InputError: If the job is invalid, or the part is out of reach.
     """
     announce("robot, toolpath and posture")
     robot, nominal, options = prepare_job(job)
@@ -106,7 +106,7 @@ def compare_job(job: Job, *, announce: Callable[[str], None] = lambda text: None
 
 
 def draw_strategies(task: PlanTask, noise: NoiseTable, force: ForceSpread, draws: int = DRAWS) -> MonteCarloResult:
-    """Let every strategy cut the path on the drawn robots of a Monte Carlo study, the same ones for all."""
+    """Evaluate every strategy on the same robots, drawn as in a Monte Carlo study."""
     study = prepare_study(task, noise, most_waypoints=WAYPOINTS, force=force)
     found = run_study(study, Settings(draws, SEED), workforce=Workers(workers=1)).evaluated.rms
     rms = dict(zip(study.strategies, found.T, strict=True))

@@ -1,10 +1,10 @@
-"""The kernel of a study: where the loaded tool stands, for many samples and waypoints at once.
+"""Loaded equilibrium of the tool tip for many samples and waypoints at once.
 
-The fixed point of `compplan.statics.elastic` with three savings: it starts from the model's own deflections, it keeps
-nothing but the tip, and instead of a last walk it moves the tip by J (theta_k - theta_(k-1)), whose error is of the
-second order of a change that is already small. Blocks of BLOCK poses stay in the cache.
+The fixed-point iteration of `compplan.statics.elastic` with three savings: it starts from the deflections of the model,
+it keeps only the tip, and it replaces the last forward kinematics by J (theta_k - theta_(k-1)), whose error is of
+second order in that small change. Blocks of BLOCK poses fit the cache.
 
-Every drawn robot finds a touched-off part by touching it before it cuts.
+Every sampled robot locates a touched-off part before it cuts.
 """
 
 from __future__ import annotations
@@ -30,9 +30,9 @@ from compplan.uncertainty.touch_off import locate_touching
 
 #: Poses solved at once.
 BLOCK = 8192
-#: Greatest error of the tip by stopping the iteration. [m]
+#: Greatest error of the tip when the iteration stops. [m]
 TOLERANCE = 1e-9
-#: Assumed lever of a spring, for translating the tolerance to elastic coordinates. [m]
+#: Assumed lever of a spring, which converts the tolerance to elastic coordinates. [m]
 LEVER = 4.0
 MOST_PASSES = 60
 #: Columns of `differentiate_placements`: growth, part frame.
@@ -41,11 +41,11 @@ GROWN, PART_AXES = 1, 6
 
 @dataclass(frozen=True)
 class Kernel:
-    """A chain, ready to be settled."""
+    """A compiled chain with its elastic elements."""
 
-    compiled: CompiledChain  #: The chain prepared for walking.
-    elements: tuple[int, ...]  #: Elements that are elastic.
-    slides: tuple[bool, ...]  #: Which elastic coordinates translate.
+    compiled: CompiledChain  #: Chain prepared for forward kinematics.
+    elements: tuple[int, ...]  #: Indices of the elastic elements.
+    slides: tuple[bool, ...]  #: Whether each elastic coordinate translates.
 
 
 def build_kernel(chain: Chain) -> Kernel:
@@ -60,7 +60,7 @@ def settle_tips(kernel: Kernel, q: Array, wrench: Array, factor: Array, theta: A
     theta = f C (J^T w + tau_g), with a factor f on the compliance of every elastic coordinate, pose by pose.
 
     q: joint positions, drive errors included, (nq, n) [rad or m]; wrench: at the TCP, base axes, (6, n) [N, N m];
-    factor: on the compliance of each elastic coordinate; theta: coordinates to start from, (s, n) [rad or m].
+    factor: on the compliance of each elastic coordinate, (s, n); theta: initial coordinates, (s, n) [rad or m].
 
     Raises:
         ConvergenceError: If a load is near or beyond buckling.
@@ -99,7 +99,7 @@ def _settle_block(kernel: Kernel, q: Array, wrench: Array, factor: Array, theta:
 def _move_tip(
     kernel: Kernel, position: Array, axes: Sequence[Array], origins: Sequence[Array], moved: Sequence[Array]
 ) -> Array:
-    """Move the tip by what the elastic coordinates still changed, to first order."""
+    """Move the tip by the last change of the elastic coordinates, to first order."""
     x, y, z = position
     total = [x, y, z]
     for element, slides, step in zip(kernel.elements, kernel.slides, moved, strict=True):
@@ -117,15 +117,15 @@ def _move_tip(
 class Touch(NamedTuple):
     """Touched points, components first; k points."""
 
-    q: Array  #: Joint positions there. Shape (nq, 1, k). [rad or m]
+    q: Array  #: Joint positions at the points. Shape (nq, 1, k). [rad or m]
     shown: Array  #: The points in the found frame. Shape (3, k). [m]
     placements: Array  #: Motion of the tip per placement error. Shape (c, 3, k).
-    offset: Array  #: Motion of the tip by the effects of the robot folder. Shape (3, k). [m]
-    fit: Array  #: Shift of the middle and rotation vector of the best-fit motion of the points. Shape (6, 3 k).
+    offset: Array  #: Motion of the tip due to the effects of the robot folder. Shape (3, k). [m]
+    fit: Array  #: Linear map from points to shift of their mean and rotation vector of the best fit. Shape (6, 3 k).
 
 
 def prepare_touch(task: PlanTask, noise: NoiseTable) -> Touch | None:
-    """Prepare the touched points of a task; None where the part frame is absolute."""
+    """Prepare the touched points of a task; None if the part frame is absolute."""
     touched = task.touched
     if touched is None:
         return None
@@ -139,7 +139,7 @@ def prepare_touch(task: PlanTask, noise: NoiseTable) -> Touch | None:
     )  # fmt: skip
     rates = differentiate_placements(there, noise)[0]
     rates[GROWN : GROWN + PART_AXES] = 0.0  # the part does not move between touch and cut
-    rates[len(rates) - 3 * MODES :] = 0.0  # the band counts what is unexplained as it is
+    rates[len(rates) - 3 * MODES :] = 0.0  # no unexplained errors at the touched points
     offset = np.zeros((k, 3))
     if robot.effects:
         plain = attain_with_effects(replace(robot, effects=()), touched.q, np.zeros((k, 6)), np.ones(k - 1))[0]
@@ -148,9 +148,9 @@ def prepare_touch(task: PlanTask, noise: NoiseTable) -> Touch | None:
 
 
 def move_part(touch: Touch, kernel: Kernel, cells: Cells, scale: Array, position: Array) -> Array:
-    """Return where the part of every cell stands beside the found frame, at positions (3, n). Shape (3, b, n). [m]
+    """Return the displacement of every sampled part from the found frame at positions (3, n). Shape (3, b, n). [m]
 
-    scale: share of each spring's deflection that the feedback leaves. Shape (s, b).
+    scale: share of each spring's deflection that remains under the feedback. Shape (s, b).
     """
     b, k = cells.zero.shape[1], touch.q.shape[2]
     q = (touch.q + cells.zero[:, :, None]).reshape(len(touch.q), -1)

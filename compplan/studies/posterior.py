@@ -1,9 +1,9 @@
 """Robots of a study, drawn from the uncertainty of the robot folder.
 
-A sample's coordinates make one draw of all parameters, p = S z, and one of what the parameters leave unexplained.
-Compliances of driven springs, zeros, lost motion and gear waves act where the samples have them, so that encoders see
-them; everything else moves the tip to first order. Where force and robot were learned from a measured part together,
-level and turns of the force go with the parameters, as in the error band.
+The coordinates of a sample define one draw of all parameters, p = S z, and one of the unexplained error. Compliances of
+driven springs, zeros, lost motion and gear errors act at the joints, so that encoders measure them; all other
+parameters move the tip to first order. If force and robot were learned together from a measured part, level and
+rotations of the force are correlated with the parameters, as in the error band.
 """
 
 from __future__ import annotations
@@ -30,33 +30,33 @@ from compplan.uncertainty.sensitivities import (
     tie_force,
 )
 
-#: Smooth errors along the path that stand for what is unexplained, and waypoints that tell them.
+#: Modes of the unexplained error per axis, and waypoints at which they are computed.
 MODES, STATIONS = 12, 200
-#: A spring keeps at least this share of its compliance.
+#: Least factor on the compliance of a spring.
 LEAST = 0.02
 
 
 class ArmParameter(NamedTuple):
     """A parameter that acts inside the arm."""
 
-    row: int  #: Its row among the parameters.
+    row: int  #: Row among the parameters.
     kind: str  #: "factor", "zero" or "drive".
-    place: int  #: Elastic coordinate, or joint.
-    shape: Array  #: What one unit of it is: 1 / compliance, 1, or the motion of the drive along the path, shape (n,).
+    place: int  #: Index of the elastic coordinate, or of the joint.
+    shape: Array  #: Change per unit: 1 / compliance, 1, or motion of the drive along the path, shape (n,).
 
 
 @dataclass(frozen=True, eq=False)
 class RobotPosterior:
-    """What is known of a robot, ready for samples."""
+    """Parameter uncertainty of a robot, prepared for sampling."""
 
     root: Array  #: Parameters per normal coordinate. Shape (p, r). [SI]
     parts: tuple[ArmParameter, ...]  #: Parameters that act inside the arm; the others move the tip.
-    #: How level and turns go with the parameters and what of them is apart (`tie_force`); None: all is apart.
+    #: Correlated and independent part of the force (`tie_force`); None: all is independent.
     tie: tuple[Array, Array] | None = None
-    force: ForceSpread | None = None  #: What measured parts said of the force where it goes with the robot, or None.
+    force: ForceSpread | None = None  #: Learned uncertainty of the force if correlated with the robot, or None.
 
     def push(self, z: Array, shares: Array) -> Array:
-        """Return level and turns of the force in their deviations, of the coordinates and own ones. (4, b)."""
+        """Combine coordinates of the robot and independent shares to level and rotations of the force. (4, b)."""
         if self.tie is None:
             return shares
         tied, apart = self.tie
@@ -75,12 +75,12 @@ class RobotPosterior:
 
 
 def count_coordinates(robot: Robot) -> int:
-    """Count the coordinates of a draw: parameters, three times MODES for what is unexplained."""
+    """Return the number of coordinates of a draw: parameters, and three times MODES for the unexplained error."""
     return robot_uncertainty(robot).factor.shape[1] + 3 * MODES
 
 
 def settle_force(noise: NoiseTable, force: ForceSpread | None) -> NoiseTable:
-    """Take level and direction of the force from what measured parts said of them together with the robot."""
+    """Replace level and direction of the force by those learned together with the robot, if there are any."""
     if force is None or not len(force.robot):
         return noise
     spread = {"wrench_level": force.level, "wrench_direction_deg": float(np.degrees(force.direction))}
@@ -88,9 +88,9 @@ def settle_force(noise: NoiseTable, force: ForceSpread | None) -> NoiseTable:
 
 
 def take_posterior(task: PlanTask, travel: Array, force: ForceSpread | None = None) -> RobotPosterior:
-    """Find where the parameters of a task's robot act; `travel`: direction of travel of each joint, shape (nq, n).
+    """Build the posterior of a task's robot; `travel`: direction of motion of each joint, shape (nq, n).
 
-    `force` is uncertainty of the force where measured parts said it, or None.
+    `force` is the uncertainty of the force learned from measured parts, or None.
     """
     known = robot_uncertainty(task.robot)
     found = RobotPosterior(known.spread, _list_parts(task, known, travel))
@@ -100,7 +100,7 @@ def take_posterior(task: PlanTask, travel: Array, force: ForceSpread | None = No
 
 
 def move_by_posterior(task: PlanTask, known: Uncertainty) -> list[Array]:
-    """Return the tip's motion, (n, 3) [m], per coordinate: parameters outside the arm, and smooth errors."""
+    """Return the motion of the tip, (n, 3) [m], per coordinate: parameters outside the arm, and smooth errors."""
     inside = {part.row for part in _list_parts(task, known, np.zeros((task.robot.nq, len(task))))}
     rows = pick_rows(np.ones(len(task), bool), STATIONS)
     scene = build_path_model(task.robot, task.q_start, task.wrench, task.step_time)

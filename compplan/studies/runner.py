@@ -1,10 +1,10 @@
-"""Run a study: chunk after chunk, on the cores of one machine or on the workers of a Dask cluster.
+"""Run a study in chunks, on the cores of one machine or on the workers of a Dask cluster.
 
-A chunk is a fixed range of samples, whatever computes it: the numbers are the same to the last digit with any number of
-workers. Chunks are written as they come; those that a folder holds already are not computed again.
+A chunk is a fixed range of samples: results are identical to the last digit for any number of workers. Finished chunks
+are written to disk; chunks that the folder already contains are not computed again.
 
-A folder of chunks belongs to one study: every chunk holds the fingerprint of everything that the numbers depend on. A
-folder with finished chunks of another study is refused.
+A folder of chunks belongs to one study: every chunk stores a fingerprint of all inputs of the results. A folder with
+finished chunks of another study is rejected.
 """
 
 from __future__ import annotations
@@ -27,31 +27,31 @@ from compplan.studies.study import ChunkResult, Study
 from compplan.studies.workers import Workers, compute_chunks
 from compplan.version import VERSION
 
-#: Poses a chunk comes to, about; and the bounds of its number of samples. At most 20 leave four chunks and more to each
-#: of 100 workers from 8,000 samples on; on one machine small chunks cost about a quarter of the time.
+#: Approximate number of poses of a chunk, and bounds of its number of samples. At most 20 samples leave at least four
+#: chunks to each of 100 workers from 8,000 samples on; on one machine small chunks cost about a quarter of the time.
 CHUNK_POSES, LEAST_SAMPLES, MOST_SAMPLES = 600_000, 8, 20
-#: Samples whose distances along the path are kept.
+#: Number of samples whose distances along the path are kept.
 MOST_ALONG = 2000
 _COLUMNS = {"rms": "rms_m", "mean": "mean_m", "max": "max_m", "within": "within_tolerance", "along": "along_m"}
 
 
 @dataclass(frozen=True)
 class Settings:
-    """How a study is sampled."""
+    """Sampling of a study."""
 
     samples: int  #: Number of samples.
-    seed: int  #: Seed of everything.
+    seed: int  #: Seed of all random numbers.
     replicates: int = 8  #: Independent replicates of the Sobol sequence; their scatter gives the intervals.
 
 
 @dataclass(frozen=True)
 class Run:
-    """A study that was run."""
+    """Results of a study."""
 
     study: Study  #: The study.
-    settings: Settings  #: How it was sampled.
-    evaluated: ChunkResult  #: Figures of every sample, in their order; `along` of the first MOST_ALONG.
-    reused: int = 0  #: Chunks that were found on disk.
+    settings: Settings  #: Sampling.
+    evaluated: ChunkResult  #: Figures of every sample, in order; `along` of the first MOST_ALONG.
+    reused: int = 0  #: Number of chunks read from disk.
 
 
 def run_study(
@@ -62,13 +62,13 @@ def run_study(
     workforce: Workers | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Run:
-    """Run a study; without a folder no chunk is kept, without a workforce all cores of this machine compute.
+    """Run a study; without a folder no chunk is kept, without a workforce all cores of this machine are used.
 
-    `progress` is called with samples done and samples wanted.
+    `progress` is called with finished samples and total samples.
 
     Raises:
         InputError: If there are too few samples, the scheduler does not answer, or the folder cannot be written.
-        ConvergenceError: If a cell buckles under its load.
+        ConvergenceError: If a sampled robot buckles under its load.
     """
     least = 2 * settings.replicates
     if settings.samples < least:
@@ -98,10 +98,10 @@ def evaluate_chunks(
     workforce: Workers | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> tuple[dict[int, ChunkResult], int]:
-    """Evaluate chunks of points, using those that a folder holds; return them by number, and how many were found.
+    """Evaluate chunks of points, reusing those stored in a folder; return results by number, and the number reused.
 
-    chunks: samples of each; points: makes those of a chunk; about: what they depend on, for telling studies apart;
-    progress: called with samples done and wanted.
+    chunks: samples of each; points: returns the points of a chunk; about: settings that identify the study; progress:
+    called with finished and total samples.
     """
     store = None if folder is None else ChunkFolder(folder, fingerprint_study(study, about))
     done: dict[int, ChunkResult] = {}
@@ -129,7 +129,7 @@ def evaluate_chunks(
 
 
 def chunk_size(study: Study) -> int:
-    """Return the number of samples of a chunk: by the size of the study alone."""
+    """Return the number of samples of a chunk; it depends on the size of the study alone."""
     poses = len(study.task) * max(len(study.strategies), 1)
     return int(np.clip(CHUNK_POSES // poses, LEAST_SAMPLES, MOST_SAMPLES))
 
@@ -140,7 +140,7 @@ def _lighten(evaluated: ChunkResult, start: int) -> ChunkResult:
 
 
 def fingerprint_study(study: Study, settings: dict[str, Any]) -> str:
-    """Return a fingerprint of everything that the numbers of a study depend on."""
+    """Return a fingerprint of all inputs on which the results of a study depend."""
     digest = hashlib.sha256()
     about = {"version": VERSION, "numpy": np.__version__, **settings}
     digest.update(json.dumps(about, sort_keys=True).encode())
@@ -159,10 +159,10 @@ def fingerprint_study(study: Study, settings: dict[str, Any]) -> str:
 
 
 class ChunkFolder:
-    """Chunks of one study, known by its fingerprint, in a folder; made if needed.
+    """Chunks of one study, identified by its fingerprint, in a folder that is created if needed.
 
     Raises:
-        InputError: If the folder cannot be written, or holds finished chunks of another study.
+        InputError: If the folder cannot be written, or contains finished chunks of another study.
     """
 
     def __init__(self, folder: Path, fingerprint: str) -> None:
@@ -178,7 +178,7 @@ class ChunkFolder:
             part.unlink()
 
     def _is_ours(self, file: Path) -> bool:
-        """Tell whether a chunk is of this study; one that was cut off is nobody's."""
+        """Return whether a chunk belongs to this study; a truncated chunk counts as one of this study."""
         try:
             with np.load(file, allow_pickle=False) as table:
                 return str(table["fingerprint"]) == self.fingerprint
@@ -199,7 +199,7 @@ class ChunkFolder:
             np.savez(file, allow_pickle=False, **about, **figures)
 
     def read(self, chunk: int) -> ChunkResult | None:
-        """Read a chunk back; None where there is none, or where it was cut off."""
+        """Read a chunk; None if it is missing or truncated."""
         try:
             with np.load(self.path(chunk), allow_pickle=False) as table:
                 return ChunkResult(**{name: table[column] for name, column in _COLUMNS.items()})
@@ -208,10 +208,10 @@ class ChunkFolder:
 
 
 def discard_chunks(folder: Path) -> None:
-    """Take away the chunks in a folder and in those below it, whatever study they are of.
+    """Delete all chunks in a folder and its subfolders, of any study.
 
     Raises:
-        InputError: If they cannot be taken away.
+        InputError: If they cannot be deleted.
     """
     try:
         for file in folder.rglob("chunk-*.npz"):

@@ -1,8 +1,8 @@
-"""The coordinates of a sample's point, how points are chosen, and what a point means in the cell.
+"""Sampling of a study: coordinates of the unit cube, choice of points, and conversion of points to sampled robots.
 
 A sample is a point of the unit cube. Most coordinates become one number (a compliance factor, a zero, a force level);
-some become the seed of a noise along the path. Everything random about a sample follows from its point. Arrays of
-cells are components first, then b samples, then n waypoints.
+some become the seed of a noise along the path. All random numbers of a sample follow from its point. Axes of arrays:
+components, b samples, n waypoints.
 """
 
 from __future__ import annotations
@@ -36,14 +36,14 @@ from compplan.uncertainty.sensitivities import CORRELATION, ForceSpread
 #: Knots of the noise along the path per correlation length, and their greatest number.
 KNOTS, MOST_KNOTS = 10, 20000
 _PATH, _ENCODERS, _FORCE = range(3)
-#: Errors of motor-side encoders (assumed: 17 bits behind a gear, far finer than its mounting) and of link-side ones
-#: (assumed: a ring of 20 bits with its mounting error). [deg]
+#: Standard deviation of motor-side encoders (assumed: 17 bits behind a gear, far finer than its mounting) and of
+#: link-side ones (assumed: a ring of 20 bits with its mounting error). [deg]
 ENCODERS = (0.0003, 0.0008)
 #: Drift of a force sensor since taring, as a multiple of its noise (assumed).
 DRIFT = 2.5
-#: Moments of a force sensor by its forces, noise and drift (assumed). [m]
+#: Ratio of moment to force errors of a force sensor, for noise and drift (assumed). [m]
 NOISE_ARM, BIAS_ARM = 0.05, 0.1
-#: Gain of a force sensor, one standard deviation (assumed; datasheets state 1 %).
+#: Standard deviation of the gain of a force sensor (assumed; datasheets state 1 %).
 GAIN = 0.01
 #: Coordinates of a placement: three translations, three rotations.
 TWIST = 6
@@ -51,32 +51,32 @@ TWIST = 6
 
 @dataclass(frozen=True)
 class Surroundings:
-    """What all samples share; n waypoints."""
+    """Data common to all samples; n waypoints."""
 
     noise: NoiseTable  #: The standard deviations.
-    factors: Factors  #: The coordinates of a sample's point.
+    factors: Factors  #: The coordinates of a sample.
     wrench: Array  #: Predicted wrench. Shape (6, n). [N, N m]
     nq: int  #: Number of joints.
     link_share: Array  #: Share of each compliance beyond the link-side encoder. Shape (s,).
-    #: Motion of the tip per growth, place of the part, effect and coordinate of the robot. Shape (k, 3, n). [m per m,
-    #: rad, 1]
+    #: Motion of the tip per thermal growth, placement of the part and coordinate of the robot. Shape (k, 3, n). [m per
+    #: 1, m, rad, 1]
     shift: Array
-    scale: Array  #: Standard deviation of each of them. Shape (k,). [m, rad, 1]
+    scale: Array  #: Standard deviation of each cause. Shape (k,). [1, m, rad, 1]
     knot: Array  #: Position of each waypoint among the knots of the noise along the path. Shape (n,).
-    forget: float  #: What is left of the noise from one knot to the next.
-    repeatability: float  #: Standard deviation, an axis. [m]
-    posterior: RobotPosterior  #: What is known of the robot, which robots are drawn from.
+    forget: float  #: Correlation of the noise at neighbouring knots.
+    repeatability: float  #: Standard deviation per axis. [m]
+    posterior: RobotPosterior  #: Parameter uncertainty from which robots are drawn.
 
 
 class Cells(NamedTuple):
-    """b cells; a part is cut in each."""
+    """b sampled robots with their process errors; each cuts one part."""
 
     factor: Array  #: Factor on each compliance. Shape (s, b).
     link_share: Array  #: Share of each compliance beyond the link-side encoder. Shape (s, b).
     zero: Array  #: True minus read position of each joint. Shape (nq, b). [rad or m]
-    drive: Array  #: Link-side minus motor-side position, elastic part left out. Shape (nq, b, n). [rad or m]
-    causes: Array  #: Growth, place of the part, effects and robot. Shape (k, b). [m, rad, 1]
-    shift: Array  #: Motion of the tip by them, at the posture of the task. Shape (3, b, n). [m]
+    drive: Array  #: Link-side minus motor-side position, without deflection. Shape (nq, b, n). [rad or m]
+    causes: Array  #: Thermal growth, placement of the part, coordinates of the robot. Shape (k, b). [1, m, rad, 1]
+    shift: Array  #: Motion of the tip due to `causes`, at the posture of the task. Shape (3, b, n). [m]
     wrench: Array  #: Wrench on the tool. Shape (6, b, n). [N, N m]
     repeat: Array  #: Scatter of the tip from part to part. Shape (3, b). [m]
     motor: Array  #: Error of motor-side encoders. Shape (nq, b, n). [rad or m]
@@ -87,7 +87,7 @@ class Cells(NamedTuple):
 def survey_surroundings(
     task: PlanTask, noise: NoiseTable, factors: Factors, force: ForceSpread | None = None
 ) -> Surroundings:
-    """Work out what all samples of a task share; `force`: what measured parts said of it."""
+    """Compute the data common to all samples of a task; `force`: uncertainty learned from measured parts, or None."""
     length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(task.position, axis=0), axis=1))])
     knots = min(int(np.ceil(length[-1] / CORRELATION * KNOTS)) + 2, MOST_KNOTS)
     spacing = max(length[-1], 1e-9) / (knots - 1)
@@ -108,9 +108,9 @@ def survey_surroundings(
 
 
 def differentiate_placements(task: PlanTask, noise: NoiseTable) -> tuple[Array, Array]:
-    """Return the tip's motion by growth, part frame, effects and robot, (k, 3, n), and their sigmas, (k,).
+    """Return the motion of the tip by thermal growth, part frame and robot, (k, 3, n), and their sigmas, (k,).
 
-    To first order, of the unloaded robot: the load changes it by its own relative deflection.
+    Growth is differentiated on the unloaded robot: the load changes it only by the relative deflection.
     """
     bare = replace(task.robot, springs=(), link_elasticities=(), effects=())
     scene = build_model(bare, command_campaign(task.q_start))
@@ -129,7 +129,7 @@ def differentiate_placements(task: PlanTask, noise: NoiseTable) -> tuple[Array, 
 
 
 def sample_robots(at: Surroundings, points: Array) -> Cells:
-    """Make cells of points of the unit cube. points: shape (b, size)."""
+    """Convert points of the unit cube to sampled robots. points: shape (b, size)."""
     noise, columns = at.noise, at.factors.columns
     normal = to_normal(points)
 
@@ -175,9 +175,9 @@ def shift_tip(causes: Array, rates: Array) -> Array:
 
 
 def _draw_wrench(at: Surroundings, shares: Array, noises: _Noises) -> Array:
-    """Draw the wrench on the tool: level and direction hold for the cell, what varies along the path for a part.
+    """Draw the wrench on the tool: level and direction per sample, and a variation along the path.
 
-    shares: level and turns, in their deviations. Shape (4, b).
+    shares: level and rotations, in standard deviations. Shape (4, b).
     """
     noise = at.noise
     turn = Rotation.from_rotvec(np.radians(noise.wrench_direction_deg) * shares[1:].T).as_matrix()
@@ -192,7 +192,7 @@ def _six(force: float, moment: float) -> Array:
 
 
 class _Noises:
-    """Noise along the path, drawn from the seeds in the points: the same for a point wherever it stands."""
+    """Noise along the path, seeded by the points: independent of the position of a point in its batch."""
 
     def __init__(self, at: Surroundings, points: Array) -> None:
         self.at = at
@@ -229,18 +229,18 @@ class _Noises:
 
 @dataclass(frozen=True)
 class Factors:
-    """The coordinates of a sample's point."""
+    """The coordinates of a sample."""
 
-    columns: Mapping[str, slice]  #: By factor, the columns of the point that belong to it.
-    groups: Mapping[str, tuple[str, ...]]  #: By group of the sensitivity analysis, its factors.
+    columns: Mapping[str, slice]  #: Columns of the point, by factor.
+    groups: Mapping[str, tuple[str, ...]]  #: Factors, by group of the sensitivity analysis.
 
     @property
     def size(self) -> int:
-        """Count the coordinates."""
+        """Return the number of coordinates."""
         return max(part.stop for part in self.columns.values())
 
     def group_names(self) -> list[str]:
-        """Name the group of every coordinate. Length `size`."""
+        """Return the name of the group of every coordinate, empty for none. Length `size`."""
         names = [""] * self.size
         for group, factors in self.groups.items():
             for factor in factors:
@@ -252,7 +252,7 @@ class Factors:
 def list_factors(robot: Robot, noise: NoiseTable) -> Factors:
     """List the factors of a robot; groups without any uncertainty are left out of the sensitivity analysis."""
     unsure = sum(1 for spring in robot.springs if 0.0 < spring.link_share < 1.0)
-    # number of coordinates, group of the sensitivity analysis, and a standard deviation: none where it is 0
+    # number of coordinates, group of the sensitivity analysis, and a standard deviation: no uncertainty if it is 0
     factors = {
         "link_share": (unsure, "link_share", noise.link_share),
         "part_frame": (TWIST, "part", max(noise.part_frame_mm, noise.part_frame_deg)),
@@ -276,7 +276,7 @@ def list_factors(robot: Robot, noise: NoiseTable) -> Factors:
 
 
 def draw_points(factors: Factors, seed: int, replicates: int, samples: range) -> Array:
-    """Draw points inside the unit cube; sample i is point i // replicates of the Sobol sequence i % replicates.
+    """Draw points of the unit cube; sample i is point i // replicates of the Sobol sequence i % replicates.
 
     The replicates are scrambled independently, so that their scatter gives intervals of means [Owen1995]. `samples` is
     a contiguous range. Shape (len(samples), size).
@@ -290,7 +290,7 @@ def draw_points(factors: Factors, seed: int, replicates: int, samples: range) ->
         if engine.num_generated > first:
             engine.reset()
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", UserWarning)  # no power of two: balanced less, not wrong
+            warnings.simplefilter("ignore", UserWarning)  # not a power of two: less balanced, still valid
             if first > engine.num_generated:
                 engine.fast_forward(first - engine.num_generated)
             points[np.array(rows) - samples.start] = engine.random(len(rows))
@@ -299,10 +299,10 @@ def draw_points(factors: Factors, seed: int, replicates: int, samples: range) ->
 
 @lru_cache(maxsize=32)
 def _scramble_sequence(size: int, seed: int, replicate: int) -> qmc.Sobol:
-    """Scramble the Sobol sequence of a replicate; that costs as much as thousands of its points."""
+    """Scramble the Sobol sequence of a replicate; cached, as it costs as much as thousands of points."""
     return qmc.Sobol(size, scramble=True, rng=np.random.default_rng(np.random.SeedSequence([seed, replicate])))
 
 
 def to_normal(points: Array) -> Array:
-    """Turn uniform coordinates into standard normal ones."""
+    """Convert uniform coordinates to standard normal ones."""
     return np.asarray(ndtri(points))

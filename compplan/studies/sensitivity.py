@@ -1,7 +1,7 @@
-"""Which uncertainty matters: total Sobol indices of each strategy's rms deviation, by group of factors.
+"""Sensitivity analysis: total Sobol indices of the rms deviation of each strategy, by group of factors.
 
-A total index is the share of the variance that would be left if everything but the group were known [Homma1996];
-SciPy makes the points and the estimates [Saltelli2010]. The path is thinned for this.
+A total index is the share of the variance that would remain if all other groups were known [Homma1996]; SciPy computes
+points and estimates [Saltelli2010]. The path is thinned.
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ from compplan.studies.runner import chunk_size, evaluate_chunks
 from compplan.studies.study import Study, thin_study
 from compplan.studies.workers import Workers
 
-#: Waypoints that the analysis looks at.
+#: Greatest number of waypoints.
 WAYPOINTS = 300
-#: Base points of the design; the analysis takes (groups + 2) times as many samples.
+#: Base points of the design; the number of samples is (groups + 2) times as large.
 BASE = 128
-#: Resamples of the base points for an interval.
+#: Bootstrap resamples of the base points for an interval.
 RESAMPLES = 200
 
 
@@ -32,10 +32,10 @@ class Sensitivity:
     """Total Sobol indices."""
 
     groups: tuple[str, ...]  #: Names of the groups.
-    total: dict[str, Array]  #: By strategy, the total index of each group. Shape (groups,) each.
-    half_width: dict[str, Array]  #: By strategy, half the 95 % interval of each (bootstrap). Shape (groups,) each.
-    samples: int  #: Number of samples behind them.
-    waypoints: int  #: Number of waypoints that they look at.
+    total: dict[str, Array]  #: Total index of each group, by strategy. Shape (groups,) each.
+    half_width: dict[str, Array]  #: Half width of the 95 % interval (bootstrap), by strategy. Shape (groups,) each.
+    samples: int  #: Number of samples.
+    waypoints: int  #: Number of waypoints.
 
     def describe(self, strategy: str) -> dict[str, dict[str, float]]:
         """Return index and half interval of every group for a strategy."""
@@ -52,7 +52,7 @@ def measure_sensitivity(
     workforce: Workers | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Sensitivity | None:
-    """Measure total Sobol indices by group; None where nothing is uncertain. base: base points, a power of two."""
+    """Estimate total Sobol indices by group; None for fewer than two groups. base: base points, a power of two."""
     thin = thin_study(study, WAYPOINTS)
     factors = thin.surroundings.factors
     if len(factors.groups) < 2:
@@ -83,9 +83,9 @@ def design_points(names: Array, groups: tuple[str, ...], base: int, seed: int) -
 
 
 def estimate_totals(values: Array, seed: int) -> tuple[Array, Array]:
-    """Return total indices and half their 95 % intervals (bootstrap over base points). Shape (strategies, groups).
+    """Return total indices and half widths of their 95 % intervals (bootstrap). Shape (strategies, groups).
 
-    values: what the study gave at A, B, and A with one group of B. Shape (strategies, groups + 2, base).
+    values: results of the study at A, B, and A with one group of B. Shape (strategies, groups + 2, base).
     """
     shape = (values.shape[0], values.shape[1] - 2)
 

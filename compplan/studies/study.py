@@ -1,7 +1,7 @@
-"""A study: strategies cut their parts in many cells; what all samples share is worked out once.
+"""A study: compensation strategies on many sampled robots; data common to all samples is computed once.
 
-All strategies meet the same cells, so that their differences are paired. Measured is how far the tool was from the
-path.
+All strategies are evaluated on the same samples, so that their differences are paired. The result is the deviation of
+the tool tip from the path.
 """
 
 from __future__ import annotations
@@ -34,53 +34,53 @@ from compplan.studies.sampling import (
 from compplan.toolpath.toolpath import select_waypoints
 from compplan.uncertainty.sensitivities import ForceSpread
 
-#: Waypoints that a study looks at; a longer path is thinned evenly, and its report says so.
+#: Greatest number of waypoints; a longer path is thinned evenly, as its report states.
 MOST_WAYPOINTS = 2500
-#: Joints this far from the task's posture need placement errors of their own. [rad or m]
+#: Joint distance from the task's posture above which placement errors are computed anew. [rad or m]
 OTHER_POSTURE = 0.05
-#: Stations along the path whose distances are kept.
+#: Number of stations along the path whose distances are kept.
 STATIONS = 120
-#: Poses worked on at once, samples times waypoints.
+#: Poses computed at once, samples times waypoints.
 BATCH = 8192
 
 
 class Worker(NamedTuple):
-    """An answer, components first, ready for many samples."""
+    """The command of a strategy, components first, prepared for many samples."""
 
-    q: Array  #: Shape (nq, 1, n). [rad or m]
-    gain: Array | None  #: Shape (nq, k, n), or None.
-    expected: Array | None  #: Shape (k, 1, n), or None.
-    spring_gain: Array  #: Factor on what each gear yields. Shape (nq,).
-    spring_factor: Array  #: The same for every elastic coordinate, 1 where no encoder measures it. Shape (s,).
+    q: Array  #: Commanded joint positions. Shape (nq, 1, n). [rad or m]
+    gain: Array | None  #: Change of the command per measured wrench. Shape (nq, 6, n), or None. [rad/N, rad/(N m)]
+    expected: Array | None  #: Expected wrench. Shape (6, 1, n), or None. [N, N m]
+    spring_gain: Array  #: Factor on the deflection of each gear. Shape (nq,).
+    spring_factor: Array  #: The same for every elastic coordinate, 1 if no encoder measures it. Shape (s,).
     theta: Array  #: Elastic coordinates by the model. Shape (s, n). [rad or m]
-    offset: Array  #: Motion of the tip by the effects of the robot folder. Shape (3, n). [m]
-    #: Motion of the tip per placement error where the posture is another than the task's. Shape (k, 3, n).
+    offset: Array  #: Motion of the tip due to the effects of the robot folder. Shape (3, n). [m]
+    #: Motion of the tip per placement error if the posture differs from that of the task. Shape (k, 3, n).
     placements: Array | None = None
 
 
 @dataclass(frozen=True)
 class Study:
-    """What all samples of a study share."""
+    """Data common to all samples of a study."""
 
-    task: PlanTask  #: The task, thinned where it is long.
-    waypoints_of_path: int  #: Number of waypoints of the whole path.
-    answers: dict[str, OnlineCommand]  #: The strategies.
-    workers: dict[str, Worker]  #: The same, ready for many samples.
-    kernel: Kernel  #: The kernel.
-    touch: Touch | None  #: How a robot finds the part, None where its frame is absolute.
-    surroundings: Surroundings  #: Noise and what it acts on.
-    nominal: Array  #: Wanted tips. Shape (3, n). [m]
-    cut: NDArray[np.bool_]  #: Waypoints that count. Shape (n,).
+    task: PlanTask  #: The task, thinned if it is long.
+    waypoints_of_path: int  #: Number of waypoints of the complete path.
+    answers: dict[str, OnlineCommand]  #: Commands by strategy.
+    workers: dict[str, Worker]  #: The same, prepared for many samples.
+    kernel: Kernel  #: Compiled chain of the robot.
+    touch: Touch | None  #: Touched points of the part, None if its frame is absolute.
+    surroundings: Surroundings  #: Noise and its effect on the tip.
+    nominal: Array  #: Nominal tips. Shape (3, n). [m]
+    cut: NDArray[np.bool_]  #: Waypoints that are evaluated. Shape (n,).
     stations: NDArray[np.int_]  #: Waypoints whose distances are kept. Shape (k,).
 
     @property
     def strategies(self) -> tuple[str, ...]:
-        """Names of the strategies."""
+        """Return the names of the strategies."""
         return tuple(self.answers)
 
     @property
     def noise(self) -> NoiseTable:
-        """The standard deviations."""
+        """Return the standard deviations."""
         return self.surroundings.noise
 
 
@@ -95,11 +95,11 @@ def prepare_study(
 ) -> Study:
     """Prepare a study.
 
-    strategies: all that the robot can carry out if left out; most_waypoints: a longer path is thinned evenly to this
-    many; force: what measured parts said of it, which then goes with the robots that are drawn.
+    strategies: by default all that the robot supports; most_waypoints: a longer path is thinned evenly to this number;
+    force: uncertainty of the force; if learned from measured parts it is correlated with the drawn robots.
 
     Raises:
-        InputError: If a strategy does not suit the robot, or nothing of the path is cut.
+        InputError: If a strategy does not suit the robot, or the path has no cutting moves.
     """
     noise = settle_force(noise or NoiseTable(), force)
     if not task.compensated.any():
@@ -118,7 +118,7 @@ def prepare_study(
 def assemble_study(
     thin: PlanTask, noise: NoiseTable, answers: dict[str, OnlineCommand], count: int, force: ForceSpread | None = None
 ) -> Study:
-    """Assemble what all samples share: a thinned task of a path of `count` waypoints, and commands prepared for it."""
+    """Build a study from a thinned task and its prepared commands; count: waypoints of the complete path."""
     selection = actuator_selection(thin.chain)
     cut = np.flatnonzero(thin.compensated)
     return Study(
@@ -136,12 +136,12 @@ def assemble_study(
 
 
 def thin_rows(n: int, most: int) -> NDArray[np.int_]:
-    """Choose waypoints evenly, first and last included."""
+    """Select at most `most` evenly spaced of n waypoints, including the first and the last."""
     return np.unique(np.linspace(0, n - 1, min(n, most)).round().astype(int))
 
 
 def thin_task(task: PlanTask, most: int) -> PlanTask:
-    """Keep at most so many waypoints of a task."""
+    """Reduce a task to at most `most` waypoints."""
     rows = thin_rows(len(task), most)
     if len(rows) == len(task):
         return task
@@ -152,7 +152,7 @@ def thin_task(task: PlanTask, most: int) -> PlanTask:
 
 
 def thin_study(study: Study, most: int) -> Study:
-    """Thin a study further, its strategies prepared as they are."""
+    """Reduce a study to at most `most` waypoints, with the commands already prepared."""
     rows = thin_rows(len(study.task), most)
     if len(rows) == len(study.task):
         return study
@@ -190,24 +190,24 @@ def _make_worker(task: PlanTask, answer: OnlineCommand, selection: Array, noise:
 
 
 class ChunkResult(NamedTuple):
-    """Figures of b samples and m strategies."""
+    """Deviations of b samples and m strategies."""
 
-    rms: Array  #: Shape (b, m). [m]
-    mean: Array  #: Shape (b, m). [m]
-    max: Array  #: Shape (b, m). [m]
+    rms: Array  #: Root mean square distance from the path. Shape (b, m). [m]
+    mean: Array  #: Mean distance. Shape (b, m). [m]
+    max: Array  #: Greatest distance. Shape (b, m). [m]
     within: Array  #: Share of waypoints within tolerance. Shape (b, m).
     along: NDArray[np.float32]  #: Distance at the stations. Shape (b, m, k). [m]
 
 
-#: Number and figures of each chunk of a study, as it is done.
+#: Number and results of each finished chunk of a study.
 Chunks = Generator[tuple[int, ChunkResult], None, None]
 
 
 def evaluate_points(study: Study, points: Array) -> ChunkResult:
-    """Let every strategy cut its part in the cell of every point of the unit cube. points: shape (b, size).
+    """Evaluate every strategy on the samples at points of the unit cube. points: shape (b, size).
 
     Raises:
-        ConvergenceError: If a cell buckles under its load.
+        ConvergenceError: If a sampled robot buckles under its load.
     """
     size = max(1, BATCH // len(study.task))
     batches = [_evaluate_batch(study, points[start : start + size]) for start in range(0, len(points), size)]
@@ -228,7 +228,7 @@ def _evaluate_batch(study: Study, points: Array) -> ChunkResult:
 
 
 def run_strategy(study: Study, name: str, cells: Cells) -> Array:
-    """Let a strategy cut its part with b robots; return the deviation. Shape (3, b, n). [m]"""
+    """Simulate a strategy on b sampled robots; return the deviation. Shape (3, b, n). [m]"""
     worker = study.workers[name]
     q = np.broadcast_to(worker.q, (len(worker.q), *cells.shift.shape[1:]))
     if worker.gain is not None and worker.expected is not None:
@@ -237,7 +237,7 @@ def run_strategy(study: Study, name: str, cells: Cells) -> Array:
 
 
 def _cut_part(study: Study, worker: Worker, cells: Cells, q: Array) -> Array:
-    """Cut a part with a command; return its deviation. Shape (3, b, n). [m]"""
+    """Simulate a command on b sampled robots; return the deviation. Shape (3, b, n). [m]"""
     gain = worker.spring_gain[:, None, None]
     true = q + cells.zero[:, :, None] + gain * cells.drive - gain * cells.motor - (1 - gain) * cells.link
     b, n = true.shape[1:]

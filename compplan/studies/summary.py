@@ -1,8 +1,8 @@
-"""The content of montecarlo.json: figures of every strategy with intervals, paired differences, sensitivity.
+"""Content of montecarlo.json: figures of every strategy with intervals, paired differences, sensitivity.
 
-Points of one scrambled sequence depend on each other, the replicates do not: the interval of a mean is Student's t on
-the means of the replicates [Owen1995]. Intervals of quantiles and shares are those of independent samples, which are
-too wide rather than too narrow for spread-out points.
+Points of one scrambled sequence are dependent, the replicates are independent: the interval of a mean is Student's t on
+the means of the replicates [Owen1995]. Intervals of quantiles and shares are those of independent samples, conservative
+for low-discrepancy points.
 """
 
 from __future__ import annotations
@@ -20,17 +20,17 @@ from compplan.studies.sensitivity import Sensitivity
 from compplan.studies.study import Study
 from compplan.uncertainty.assumed import list_assumed, robot_uncertainty
 
-#: What a study leaves out.
+#: Errors that a study does not include.
 LEFT_OUT = (
     "left out of every sample: the stiffness of the process (the force does not depend on the deflection),"
     " the steps of quantised encoders (their errors are drawn as normal noise)"
 )
-#: Share of intervals that hold.
+#: Confidence level of the intervals.
 LEVEL = 0.95
 
 
 def _describe_draws(study: Study) -> list[str]:
-    """Say what robots are drawn from, where that is what the folder knows, and what of the force goes with them."""
+    """Describe the distributions of robots and noise, and the correlation of the force with the robots."""
     robot, posterior = study.task.robot, study.surroundings.posterior
     said = [f"robots are drawn from what is known: {robot_uncertainty(robot).source}", *list_assumed(robot)]
     if (force := posterior.force) is None:
@@ -44,7 +44,7 @@ def _describe_draws(study: Study) -> list[str]:
 def summarise_run(
     run: Run, sensitivity: Sensitivity | None = None, *, name: str = "", main: str = ""
 ) -> dict[str, Any]:
-    """Return the content of montecarlo.json; `main` is the strategy whose sensitivity stands at the top."""
+    """Return the content of montecarlo.json; `main` is the strategy of the top-level sensitivity."""
     study, settings = run.study, run.settings
     strategies = study.strategies
     main = main if main in strategies else strategies[-1]
@@ -120,7 +120,7 @@ class Interval(NamedTuple):
 
     @property
     def half_width(self) -> float:
-        """Half the width of the interval."""
+        """Return half the width of the interval."""
         return 0.5 * (self.high - self.low)
 
 
@@ -133,7 +133,7 @@ def estimate_mean(values: Array, replicates: int) -> Interval:
 
 
 def estimate_quantile(values: Array, share: float) -> Interval:
-    """Estimate a quantile; the interval lies between order statistics, whatever the distribution."""
+    """Estimate a quantile, with a distribution-free interval between order statistics."""
     ordered, n = np.sort(values), len(values)
     low = int(binom.ppf(0.5 - 0.5 * LEVEL, n, share)) - 1
     high = int(binom.ppf(0.5 + 0.5 * LEVEL, n, share))

@@ -1,7 +1,7 @@
-"""Who computes the chunks of a study: this process, processes on this machine, or a Dask cluster.
+"""Execution of the chunks of a study: in this process, in processes on this machine, or on a Dask cluster.
 
-On a cluster the packed study travels as a task of its own, so that the scheduler can make it anew where a worker that
-held it is lost; a chunk that was lost with its worker is computed again elsewhere.
+On a cluster the pickled study is a separate task, so that the scheduler can repeat it if the worker that holds it is
+lost; a chunk lost with its worker is computed again by another one.
 """
 
 from __future__ import annotations
@@ -35,29 +35,29 @@ if TYPE_CHECKING:
 MOST_WORKERS = 1024
 #: Threads of numeric libraries in a worker process.
 ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
-#: What the server that workers are forked from loads.
+#: Modules preloaded by the server from which workers are forked.
 LOADED = [f"{__package__}.study"]
-#: An address of a scheduler.
+#: Address of a scheduler.
 ADDRESS = re.compile(r"(tcp|tls|ws|wss)://(\[[0-9a-fA-F:]+\]|[\w.-]+):(?P<port>\d{1,5})/?")
-#: Time to wait for the scheduler. [s]
+#: Timeout of the connection to the scheduler. [s]
 PATIENCE = 15
-#: Chunks on their way per worker, and how often a failed chunk is tried again.
+#: Submitted chunks per worker, and retries of a failed chunk.
 AHEAD, RETRIES = 4, 3
 
 
 @dataclass(frozen=True)
 class Workers:
-    """Who computes."""
+    """Processes or cluster that compute a study."""
 
-    workers: int | None = None  #: Processes on this machine; None: one a core, 1: in this process.
+    workers: int | None = None  #: Processes on this machine; None: one per core, 1: in this process.
     scheduler: str | None = None  #: Address of a Dask scheduler, in place of processes on this machine.
-    pool: ProcessPoolExecutor | None = None  #: Processes that were started (`start_workers`), or None.
+    pool: ProcessPoolExecutor | None = None  #: Started processes (`start_workers`), or None.
 
     def check(self) -> None:
-        """Ask the scheduler whether it is there, before anything is computed or written.
+        """Check number of workers and connection to the scheduler, before anything is computed or written.
 
         Raises:
-            InputError: If there are more workers than a machine has, or the scheduler does not answer.
+            InputError: If there are more than `MOST_WORKERS` workers, or the scheduler does not answer.
         """
         if self.workers is not None and self.workers > MOST_WORKERS:
             raise InputError(f"--workers is {self.workers}, at most {MOST_WORKERS}")
@@ -67,7 +67,7 @@ class Workers:
 
 @contextmanager
 def _one_thread() -> Iterator[None]:
-    """Let processes that start here take one thread each."""
+    """Limit numeric libraries of processes started in this context to one thread each."""
     before = {name: os.environ.get(name) for name in ONE_THREAD}
     os.environ.update(dict.fromkeys(ONE_THREAD, "1"))
     try:
@@ -81,7 +81,7 @@ def _one_thread() -> Iterator[None]:
 
 
 def start_server() -> BaseContext:
-    """Start the process that workers are forked from, once; it loads what they need while this process goes on."""
+    """Start the server from which workers are forked, once; it imports modules in the background."""
     if "forkserver" not in get_all_start_methods():
         return get_context("spawn")
     context = get_context("forkserver")
@@ -93,7 +93,7 @@ def start_server() -> BaseContext:
 
 @contextmanager
 def start_workers(workforce: Workers, chunks: int) -> Iterator[Workers]:
-    """Start the processes of this machine for so many chunks at most; they serve every study within."""
+    """Start at most `chunks` processes on this machine; every study within the context uses them."""
     count = min(workforce.workers or os.cpu_count() or 1, chunks)
     if workforce.scheduler is not None or workforce.pool is not None or count <= 1:
         yield workforce
@@ -102,21 +102,21 @@ def start_workers(workforce: Workers, chunks: int) -> Iterator[Workers]:
     pool = ProcessPoolExecutor(count, start_server(), die_with_parent)
     try:
         with _one_thread():
-            for _ in range(count):  # a process for each
+            for _ in range(count):  # one process each
                 pool.submit(os.getpid)
         yield replace(workforce, workers=count, pool=pool)
     finally:
         for worker in set(active_children()) - others:
-            worker.kill()  # finished, or working for nobody
+            worker.kill()  # finished, or no longer needed
         pool.shutdown(wait=True, cancel_futures=True)
 
 
 def compute_chunks(study: Study, numbers: list[int], points: Callable[[int], Array], workforce: Workers) -> Chunks:
-    """Compute chunks by number; give number and figures of each as it is done. `points` makes those of a chunk.
+    """Compute chunks by number; yield number and results of each finished chunk. points: returns those of a chunk.
 
     Raises:
         InputError: If a scheduler does not answer, or a worker process dies.
-        ConvergenceError: If a cell buckles under its load.
+        ConvergenceError: If a sampled robot buckles under its load.
     """
     if workforce.scheduler is not None:
         yield from compute_on_cluster(study, numbers, points, workforce.scheduler)
@@ -162,7 +162,7 @@ def _evaluate_stored(file: Path, points: Array) -> ChunkResult:
 
 
 def die_with_parent() -> None:
-    """Let this worker process end with the process that started it, whatever that one dies of."""
+    """End this worker process when the process that started it ends for any reason."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent is interrupted and ends its workers
     Thread(target=_wait_for_parent, daemon=True).start()
 
@@ -174,7 +174,7 @@ def _wait_for_parent() -> None:
 
 
 def compute_on_cluster(study: Study, numbers: list[int], points: Callable[[int], Array], scheduler: str) -> Chunks:
-    """Compute chunks by number on the cluster of a scheduler ("tcp://127.0.0.1:8786"), as they come.
+    """Compute chunks on the cluster of a scheduler ("tcp://127.0.0.1:8786"); yield each finished chunk.
 
     Raises:
         InputError: If the scheduler does not answer, Dask is not installed, or a worker has other versions.
@@ -188,10 +188,10 @@ def compute_on_cluster(study: Study, numbers: list[int], points: Callable[[int],
 
 
 def ask_scheduler(scheduler: str) -> None:
-    """Ask a scheduler whether it is there.
+    """Check the connection to a scheduler.
 
     Raises:
-        InputError: If the address is none, or nobody answers.
+        InputError: If the address is invalid, or the scheduler does not answer.
     """
     match = ADDRESS.fullmatch(scheduler)
     if match is None or int(match["port"]) > 65535:
@@ -207,7 +207,7 @@ def _connect(scheduler: str) -> Any:
     except ImportError:
         raise InputError('--scheduler needs Dask; install it with pip install "compplan[cluster]"') from None
 
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what goes wrong is said in one line below
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # errors are reported in one line below
     try:
         return Client(scheduler, timeout=PATIENCE, set_as_default=False)
     except (OSError, ValueError) as error:
@@ -217,7 +217,7 @@ def _connect(scheduler: str) -> Any:
 
 
 def _check_versions(client: Any) -> None:
-    """Compare the versions that results depend on with those of every worker that is there."""
+    """Compare the versions on which results depend with those of every connected worker."""
     here = _list_versions()
     for worker, there in client.run(_list_versions).items():
         other = [
@@ -249,7 +249,7 @@ def _collect(client: Any, study: Study, numbers: list[int], points: Callable[[in
     from distributed import as_completed
 
     with warnings.catch_warnings():
-        # the study goes over once, as a task of its own that another worker can repeat
+        # the study is sent once, as a separate task that another worker can repeat
         warnings.filterwarnings("ignore", message="Sending large graph")
         packed = client.submit(_hand_over, pickle.dumps(study), pure=False, retries=RETRIES)
     chunk_of: dict[str, int] = {}

@@ -1,7 +1,7 @@
-"""Known: the uncertainty of a robot, and what that does to its tip.
+"""Parameter uncertainty of a robot, and the resulting uncertainty of its tip.
 
-`robot_uncertainty(robot)` answers with the folder's file, or with widths assumed by its grade (`assumed`). It is an
-`Uncertainty` (`compplan.robot.uncertainty`); its `spread`, `width`, `covariance` and `smooth` carry the factor from
-poses that the fit never saw, which is multiplied there and nowhere else. From it come robots that might be the true
-one (`vary`: exactly) and the motion of the tip per parameter along a path (`slopes`).
+`robot_uncertainty(robot)` returns the `Uncertainty` (`compplan.robot.uncertainty`) of the folder's file, or standard
+deviations assumed by the folder's grade (`assumed`). `spread`, `width`, `covariance` and `smooth` of it include the
+calibration factor from poses left out of the fit, which is applied nowhere else. `sensitivities` varies the robot model
+exactly and differentiates the tip along a path; `band` computes the 95 % band.
 """

@@ -1,4 +1,4 @@
-"""What is known of a robot: its folder's uncertainty.toml, or widths that are assumed by the folder's grade."""
+"""Parameter uncertainty of a robot: uncertainty.toml of its folder, or values assumed by the grade of the folder."""
 
 from __future__ import annotations
 
@@ -17,33 +17,33 @@ from compplan.robot.uncertainty import FILE, Uncertainty, Unknown, split_unknown
 
 #: Relative standard deviation of a compliance by the folder's grade (assumed: force models of identified robots explain
 #: some 90 % of the deflection, machines of one type differ by some 20 %; scaled: three sourced arms scatter by .4 to .6
-#: about the rule of docs/robots.md in joints 1 to 4; placeholder: more than that, nobody knows how much).
+#: about the rule of docs/robots.md in joints 1 to 4; placeholder: more than that).
 COMPLIANCE = {"identified": 0.10, "literature": 0.20, "scaled": 0.50, "placeholder": 0.80}
-#: Compliance of a revolute and of a prismatic joint that the model holds rigid; the grade's share of it is the width
-#: (assumed: a medium robot's joint).
+#: Compliance scale of a revolute [rad/Nm] and a prismatic [m/N] joint that is rigid in the model; multiplied by
+#: `COMPLIANCE` it is the standard deviation (assumed: joint of a medium robot).
 RIGID = {"revolute": 1e-6, "prismatic": 1e-7}
-#: Zeros [deg], lengths [mm] and directions [deg] of an arm that was calibrated, and of one as delivered (assumed:
-#: together some .15 and .6 mm at two metres, as robot calibration reports).
+#: Standard deviations of zeros [deg], lengths [mm] and directions [deg] of a calibrated arm, and of one as delivered
+#: (assumed: together some .15 and .6 mm at two metres, as robot calibration reports).
 CALIBRATED, DELIVERED = (0.003, 0.03, 0.001), (0.010, 0.10, 0.003)
-#: Lost motion and gear error, full width and amplitude once a turn [deg], as in [noise] (assumed).
+#: Lost motion (full width) and gear error (amplitude once per turn) [deg], as in [noise] (assumed).
 PLAY, GEAR = 0.002, 0.002
-#: A touched-off tool tip, per axis, as in [noise] (assumed). [m]
+#: Standard deviation of a touched-off tool tip per axis, as in [noise] (assumed). [m]
 TOOL = 3e-5
-#: A stiffness that was not identified keeps this relative width of the value that the folder holds (assumed).
+#: Relative standard deviation of a joint stiffness that was not identified (assumed).
 HELD = 0.3
-#: What no parameter explains where nobody has measured: rms distance and scale (assumed). [m]
+#: Unmodelled error of a robot without measurements: rms distance and correlation length (assumed). [m]
 UNEXPLAINED, SCALE = 5e-5, 0.3
-#: Repeatability where the folder states none, per axis (assumed, as in [noise]). [m]
+#: Default repeatability per axis (assumed, as in [noise]). [m]
 REPEATABILITY = 2e-5
-#: A factor on the 6x6 elasticity of a link: an unknown, no effect of the vocabulary.
+#: Factor on the 6x6 elasticity of a link: an unknown that is not an effect of the vocabulary.
 LINK_ELASTICITY, RATIO = "link_elasticity", "compliance_change_ratio"
 TURNS = ("tx", "ty", "tz", "rx", "ry", "rz")
 
 
 def robot_uncertainty(robot: Robot) -> Uncertainty:
-    """Return what is known of a robot and its uncertainty: the folder's file, otherwise assumed widths.
+    """Return the parameter uncertainty of a robot: that of the folder's file, otherwise assumed values.
 
-    A tool whose place on the flange nobody has identified gets the assumed width of one that was touched off.
+    A tool frame that was not identified gets the assumed uncertainty of a touched-off tool tip.
 
     Raises:
         InputError: If the folder's file names no effect, joint or parameter of this robot.
@@ -61,15 +61,15 @@ def robot_uncertainty(robot: Robot) -> Uncertainty:
 
 
 def moves_base(robot: Robot, unknown: Unknown) -> bool:
-    """Tell whether an unknown moves base and arm alike: zero, place and direction of the first joint."""
+    """Return whether an unknown moves the complete arm like its base: zero, place and direction of the first joint."""
     return unknown.effect in ("joint_offset", "link_geometry") and unknown.joint == robot.actuated[0].name
 
 
 def free_base(before: Robot, known: Uncertainty) -> Uncertainty:
-    """Give what moves base and arm alike the widths from before a log that a base frame, or all places, are fitted to.
+    """Restore the prior uncertainty of parameters that move the complete arm, after a log with a fitted base frame.
 
-    Such a log moves with the base frame and says nothing of them; a part that stands where the job says does. `before`
-    is the robot folder that the log was held against, `known` what is known of it after the log.
+    A log whose base frame or contact positions are fitted does not determine them; they matter for a part at a stated
+    place. before: robot folder before the log; known: its uncertainty after the log.
     """
     then = robot_uncertainty(before)
     hidden = [(u, width) for u, width in split_unknowns(then.unknowns, then.width) if moves_base(before, u)]
@@ -78,12 +78,12 @@ def free_base(before: Robot, known: Uncertainty) -> Uncertainty:
     for unknown, width in hidden:
         known = _add(known, replace(unknown, deviation=width / known.calibration))
     how = "assumed" if before.uncertainty is None else "as before"
-    said = f"zero and place of {before.actuated[0].name} {how}: not told by the log, frame or places are fitted"
+    said = f"zero and place of {before.actuated[0].name} {how}: not determined by this log"
     return replace(known, source=f"{known.source}; {said}") if hidden else known
 
 
 def check_uncertainty(robot: Robot, known: Uncertainty) -> None:
-    """Refuse unknowns that this robot does not have.
+    """Check that the robot has every unknown.
 
     Raises:
         InputError: With file and key.
@@ -112,7 +112,7 @@ def check_uncertainty(robot: Robot, known: Uncertainty) -> None:
 
 
 def assume_uncertainty(robot: Robot) -> Uncertainty:
-    """Return assumed widths by the folder's grade: every spring, zero, length and direction, play, gear error, tool."""
+    """Return uncertainty assumed by the folder's grade: springs, zeros, lengths, directions, backlash, gears, tool."""
     unknowns = [*_springs(robot, COMPLIANCE[robot.grade]), *assume_geometry(robot), *_drives(robot), _tool()]
     grade = "literature" if robot.grade == "literature" else "assumed"
     source = f"uncertainty of the robot model assumed ({robot.grade}; the robot folder has no {FILE})"
@@ -132,7 +132,7 @@ def _assume(robot: Robot, grade: str, source: str, unknowns: list[Unknown]) -> U
 
 
 def list_assumed(robot: Robot) -> list[str]:
-    """Say which widths are assumed, one sentence each; none where the folder has its own file and repeatability."""
+    """Describe the assumed uncertainties, one sentence each; none if the folder states them and the repeatability."""
     said = []
     if robot.uncertainty is None:
         zero, length, turn = _widths(robot)
@@ -175,7 +175,7 @@ def _springs(robot: Robot, share: float) -> list[Unknown]:
 
 
 def assume_geometry(robot: Robot, widths: tuple[float, float, float] | None = None) -> list[Unknown]:
-    """Return zeros, lengths and directions with widths [deg, mm, deg]: of a calibrated or delivered arm if left out."""
+    """Return unknown zeros, lengths and directions with standard deviations [deg, mm, deg], by default assumed ones."""
     zero, length, turn = _widths(robot) if widths is None else widths
     found = []
     for joint in robot.actuated:
@@ -194,7 +194,7 @@ def assume_geometry(robot: Robot, widths: tuple[float, float, float] | None = No
 
 
 def assume_held(robot: Robot, named: Sequence[Unknown]) -> list[Unknown]:
-    """List the joints' own springs that the campaign could not tell, with an assumed width."""
+    """List the joint springs that the campaign did not identify, with an assumed standard deviation."""
     told = {unknown.joint for unknown in named if unknown.effect == "joint_stiffness"}
     found = []
     for index, spring in own_springs(robot).items():

@@ -1,13 +1,13 @@
-"""The band that holds the true tip with 95 %, split by what makes it.
+"""95 % band of the true tip, and its contributions.
 
-To first order the tip is off by e = J p + u + r + f with independent normal parts: parameters p of covariance S, what
-no parameter explains u, repeatability r, force f. Its covariance is
+To first order the error of the tip is e = J p + u + r + f with independent normal terms: parameters p of covariance S,
+unexplained error u, repeatability r, force f. Its covariance is
 
-    V = k^2 (J S J^T + V_u) + s_r^2 1 + V_f + V_m + V_p,   k: the calibration on poses that the fit never saw,
+    V = k^2 (J S J^T + V_u) + s_r^2 1 + V_f + V_m + V_p,   k: calibration factor from poses left out of the fit,
 
-V_u = s_u^2/3 1 where the part frame is absolute (`Slopes.smooth_columns`), V_m of what the motion of the arm adds,
-about its mean, V_p of the place of the part (`compplan.uncertainty.motion`). The radius that |e| keeps within
-with probability 0.95 is that quantile of a quadratic form (`compplan.measurement.distance`).
+V_u = s_u^2/3 1 if the part frame is absolute (`Slopes.smooth_columns`), V_m due to the motion of the arm, about its
+mean, V_p due to the placement of the part (`compplan.uncertainty.motion`). The radius of the band is the 0.95 quantile
+of |e|, that of a quadratic form (`compplan.measurement.distance`).
 """
 
 from __future__ import annotations
@@ -51,9 +51,9 @@ from compplan.uncertainty.sensitivities import (
 )
 from compplan.uncertainty.touch_off import TouchedPart, subtract_touch
 
-#: What makes the band, in the order of the page.
+#: Contributions to the band, in the order of the report.
 PARTS = ("model", "unexplained", "repeatability", "force", "motion", "placement")
-#: What people call the parameters of the robot, by effect; others are called by their effect.
+#: Readable names of groups of effects; other effects keep their name.
 CAUSES = {
     "stiffness of the robot": (
         "joint_stiffness", "link_compliance", "link_elasticity", "base_compliance", "stiffness_nonlinearity"
@@ -62,41 +62,41 @@ CAUSES = {
     "gears of the robot": ("backlash", "transmission_error"),
     "tool frame": ("tool_frame", "payload"),
 }  # fmt: skip
-#: What the other parts are called.
+#: Readable names of the other contributions.
 OTHER_CAUSES = {
     "unexplained": "what no parameter of the robot explains", "repeatability": "repeatability",
     "force": "process force", "motion": "inertia and vibration", "placement": "place of the part",
 }  # fmt: skip
-#: Rows that are added where the motion moves the tip the most.
+#: Number of rows added at the greatest errors due to motion.
 MOVED = 60
-#: Components of smooth errors with a smaller share of the greatest eigenvalue are left out.
+#: Least eigenvalue, relative to the greatest, of the components of smooth errors.
 LEAST_VALUE = 1e-8
-#: Drawn paths that tell what the whole path keeps within, and their seed.
+#: Number of sampled paths for the band of the complete path, and their seed.
 PATHS, SEED = 2000, 20260601
 
 
 @dataclass(frozen=True, eq=False)
 class Slopes:
-    """A path to first order; k rows, p parameters."""
+    """A linearised path; k rows, p parameters."""
 
     rows: NDArray[np.int_]  #: Rows of the path. Shape (k,).
-    tip: Array  #: Where the loaded tip goes. Shape (k, 3). [m]
-    model: Array  #: Motion of the tip per unit of every parameter. Shape (k, 3, p).
-    shared: Array  #: Motion by one standard deviation of the force, alike along the path. Shape (k, 3, 4). [m]
-    local: Array  #: The same, from place to place. Shape (k, 3, 1). [m]
-    #: Where the motion of drawn arms puts the tip, none where it is not counted. Shape (d, k, 3). [m]
+    tip: Array  #: Loaded tip. Shape (k, 3). [m]
+    model: Array  #: Derivative of the tip with respect to every parameter. Shape (k, 3, p).
+    shared: Array  #: Motion by one deviation of force (4 columns) and placement (6 or none). Shape (k, 3, .). [m]
+    local: Array  #: Motion by one deviation of the local force. Shape (k, 3, 1). [m]
+    #: Errors of the tip due to motion, by sample; empty if not included. Shape (d, k, 3). [m]
     moved: Array = field(default_factory=lambda: np.zeros((0, 0, 3)))
-    #: How level and turns go with the robot and what of them is apart, as `tie_force` says; none: all is apart.
+    #: Correlated and independent part of the force (`tie_force`); None: all is independent.
     tie: tuple[Array, Array] | None = None
-    #: The part as the robot found it by touching, or None where its frame is absolute.
+    #: The part as located by touch-off, or None if its frame is absolute.
     touched: TouchedPart | None = None
-    #: `model` of the tip itself, where that of a touched part is relative to the part; None: the same.
+    #: `model` of the tip itself, if that of a touched part is relative to the part; None: the same.
     alone: Array | None = None
 
     def smooth_columns(self, known: Uncertainty) -> Array:
-        """Return the tip by one deviation of each component of what the parameters leave unexplained. (k, 3, c). [m]
+        """Return the tip motion by one deviation of each component of the unexplained error. (k, 3, c). [m]
 
-        Its axes are independent normal fields of covariance s_u^2/3 exp(-d^2 / 2 scale^2); a touched part moves along.
+        Its axes are independent Gaussian fields of covariance s_u^2/3 exp(-d^2 / 2 scale^2); a touched part follows.
         """
         k = len(self.rows)
         place = self.tip if self.touched is None else np.vstack([self.tip, self.touched.shown])
@@ -109,9 +109,9 @@ class Slopes:
         return np.asarray(columns[:k] - self.touched.follow(columns[k:], self.tip))
 
     def columns(self, known: Uncertainty) -> tuple[Array, Array]:
-        """Return the tip by one standard deviation of the robot and of what is apart. Shapes (k, 3, r), (k, 3, .). [m]
+        """Return the tip motion by one deviation of robot and independent terms. Shapes (k, 3, r), (k, 3, .). [m]
 
-        What of the force goes with the robot is in the first; the second has level, turns, and the place of the part.
+        The first includes the force correlated with the robot; the second has independent force and placement.
         """
         robot = self.model @ known.spread
         if self.tie is None:
@@ -123,43 +123,43 @@ class Slopes:
 
 @dataclass(frozen=True, eq=False)
 class ErrorBand:
-    """How far the true tip may be from the planned one; n rows of a path."""
+    """95 % band of the true tip about the planned one; n rows of a path."""
 
-    radius: Array  #: Distance that holds the true tip with 95 %, what the plan itself leaves included. Shape (n,). [m]
-    parts: Mapping[str, Array]  #: The same by each part alone. Shape (n,) each. [m]
-    covariance: Array  #: Covariance of the tip, interpolated between the differentiated rows. Shape (n, 3, 3). [m^2]
-    cut: NDArray[np.bool_]  #: Rows that it is stated for. Shape (n,).
+    radius: Array  #: Radius that contains the true tip with 95 %, including the planned deviation. Shape (n,). [m]
+    parts: Mapping[str, Array]  #: Radius due to each contribution alone. Shape (n,) each. [m]
+    covariance: Array  #: Covariance of the tip, interpolated between the linearised rows. Shape (n, 3, 3). [m^2]
+    cut: NDArray[np.bool_]  #: Rows to which the band applies. Shape (n,).
     between: float  #: Greatest distance between rows beyond that at the rows. [m]
-    whole: float  #: Distance that the whole path keeps within with 95 %. [m]
+    whole: float  #: Distance within which the complete path lies with 95 %. [m]
     #: Parameters and their share of the variance, mean over the path, largest first.
     leading: tuple[tuple[str, float], ...]
-    known: Uncertainty  #: What is known of the robot.
+    known: Uncertainty  #: Parameter uncertainty of the robot.
     force: ForceSpread  #: Uncertainty of the force.
-    assumed: tuple[str, ...]  #: What is assumed, one sentence each.
-    #: The same as `greatest` and `whole` of the uncorrected program, None where it is not stated. [m]
+    assumed: tuple[str, ...]  #: Assumptions, one sentence each.
+    #: `greatest` and `whole` of the uncorrected program; None if not computed. [m]
     before: tuple[float, float] | None = None
-    ladder: tuple[Rung, ...] = ()  #: What each further measurement would make of `whole`, cheapest first.
-    #: The cheapest measurements after which the band keeps the tolerance; none: none is needed or does.
+    ladder: tuple[Rung, ...] = ()  #: Predicted `whole` after further measurements, cheapest first.
+    #: Cheapest measurements after which the band keeps the tolerance; empty: none needed or none sufficient.
     cheapest: tuple[str, ...] = ()
-    #: The band where it is widest by each cause alone, in words of people. [m]
+    #: Band at its widest row due to each cause alone, by readable name. [m]
     causes: Mapping[str, float] = field(default_factory=dict)
-    motion: Motion | None = None  #: What the motion of the arm adds, None where it is not counted.
+    motion: Motion | None = None  #: Dynamic error due to the motion of the arm, None if not included.
 
     @property
     def greatest(self) -> float:
-        """Greatest distance of the band over the cut, between its rows too. [m]."""
+        """Return the greatest radius over the cut, also between its rows. [m]."""
         return float(self.radius[self.cut].max(initial=0.0)) + self.between
 
     @property
     def along(self) -> Array:
-        """Band of the whole path at once, between rows too: wider than that of each point alone. Shape (n,). [m]."""
+        """Return the simultaneous band of the complete path, wider than that of each point alone. Shape (n,). [m]."""
         alone = float(self.radius[self.cut].max(initial=0.0))
         widened = (self.whole - self.between) / alone if alone > 0.0 else 1.0
         return self.radius * widened + self.between
 
     @property
     def widest(self) -> int:
-        """Row of the cut where the band is widest."""
+        """Return the row of the cut with the widest band."""
         rows = np.flatnonzero(self.cut)
         return int(rows[self.radius[rows].argmax()])
 
@@ -168,17 +168,17 @@ def linearise_path(
     scene: ForwardModel, known: Uncertainty, force: ForceSpread, cut: NDArray[np.bool_], *,
     motion: Motion | None = None, part: Array | None = None, touched: TouchedPart | None = None, most: int = ROWS,
 ) -> Slopes:  # fmt: skip
-    """Differentiate a path of n rows by parameters, force and place of the part at a few rows of the cut.
+    """Linearise a path of n rows by parameters, force and placement of the part at selected rows of the cut.
 
     Args:
-        scene: The robot at all rows.
-        known: What is known of the robot.
+        scene: Forward model at all rows.
+        known: Parameter uncertainty of the robot.
         force: Uncertainty of the force.
         cut: Rows that matter. Shape (n,).
-        motion: What the motion of the arm adds, or None.
-        part: Motion of the part by one standard deviation of its place, or None. Shape (n, 3, 6). [m]
-        touched: The part as the robot found it by touching, or None where its frame is absolute.
-        most: Rows at most, those where the motion is worst aside.
+        motion: Dynamic error due to the motion of the arm, or None.
+        part: Motion of the part by one standard deviation of its placement, or None. Shape (n, 3, 6). [m]
+        touched: The part as located by touch-off, or None if its frame is absolute.
+        most: Greatest number of rows, in addition to those with the greatest dynamic errors.
     """
     rows = pick_rows(cut, most)
     if motion is not None:
@@ -195,7 +195,7 @@ def linearise_path(
 
 
 def split_covariance(slopes: Slopes, known: Uncertainty) -> dict[str, Array]:
-    """Return the covariance of the tip that each part makes. Shape (k, 3, 3) each. [m^2]."""
+    """Return the covariance of the tip due to each contribution. Shape (k, 3, 3) each. [m^2]."""
     eye = np.broadcast_to(np.eye(3), (len(slopes.rows), 3, 3))
     (moved, shared), smooth = slopes.columns(known), slopes.smooth_columns(known)
     force = np.concatenate([shared[:, :, :4], slopes.local], axis=2)
@@ -216,32 +216,32 @@ def estimate_band(
     touched: TouchedPart | None = None, touchable: TouchedPart | None = None,
     uncorrected: Array | None = None, written: Array | None = None, tolerance: float = 0.0,
 ) -> ErrorBand:  # fmt: skip
-    """Estimate how far the true tip is from the planned one along a path of n rows.
+    """Estimate the 95 % band of the true tip about the planned one along a path of n rows.
 
     Args:
         robot: The robot.
-        scene: The robot at all rows, the effects of its folder in it.
+        scene: Forward model at all rows, with the effects of the robot folder.
         cut: Rows that matter. Shape (n,).
         force: Uncertainty of the force.
-        left: Distance that the plan itself leaves at every row. Shape (n,). [m]
+        left: Deviation of the plan itself at every row. Shape (n,). [m]
         between: Greatest distance between rows beyond that at the rows. [m]
-        motion: What the motion of the arm adds, or None.
-        part: Motion of the part by one standard deviation of its place, or None. Shape (n, 3, 6). [m]
-        touched: The part as the robot found it by touching, or None where its frame is absolute.
-        touchable: The part as the robot would find it by touching, where its frame is absolute.
+        motion: Dynamic error due to the motion of the arm, or None.
+        part: Motion of the part by one standard deviation of its placement, or None. Shape (n, 3, 6). [m]
+        touched: The part as located by touch-off, or None if its frame is absolute.
+        touchable: The part as touch-off would locate it, if its frame is absolute.
         uncorrected: Deviation of the uncorrected program. Shape (n, 3). [m]
-        written: What of `left` the written program makes, corrected or not: fit and corners. Shape (n,). [m]
-        tolerance: Greatest deviation that counts as within tolerance. [m]
+        written: Part of `left` due to the written program, corrected or not: fit and corners. Shape (n,). [m]
+        tolerance: Greatest permitted deviation. [m]
 
     Raises:
-        InputError: If the folder's uncertainty.toml names what this robot does not have.
+        InputError: If the folder's uncertainty.toml names an effect, joint or parameter that the robot does not have.
     """
     known = robot_uncertainty(robot)
     slopes = linearise_path(scene, known, force, cut, motion=motion, part=part, touched=touched)
     parts, n = split_covariance(slopes, known), len(cut)
     spread = {name: interpolate(np.arange(n), slopes.rows, value) for name, value in parts.items()}
     mean = None if motion is None else motion.mean
-    if motion is not None:  # it is known at every row
+    if motion is not None:  # computed at every row: no interpolation
         spread["motion"] = motion.covariance
     total = np.asarray(sum(spread.values()))
     left = np.zeros(n) if left is None else left
@@ -284,9 +284,9 @@ def _climb(
     slopes: Slopes, known: Uncertainty, force: ForceSpread, parts: Mapping[str, Array], left: Array, whole: float,
     between: float, touchable: TouchedPart | None, tolerance: float, weight: Array,
 ) -> tuple[tuple[Rung, ...], tuple[str, ...]]:  # fmt: skip
-    """Predict the band of the whole cut after further measurements; nothing where nothing was differentiated.
+    """Predict the band of the complete cut after further measurements; empty for a path without rows.
 
-    weight: What poses see of each parameter, of what it moves on the path (`weigh_poses`). Shape (p,).
+    weight: observability of each parameter in poses (`weigh_poses`). Shape (p,).
     """
     if not len(slopes.rows):
         return (), ()
@@ -299,7 +299,7 @@ def _climb(
     seen = ((slopes.model if slopes.alone is None else slopes.alone) * weight @ known.spread)[poses]
     near, along = left[slopes.rows], np.gradient(slopes.tip, axis=0)[points] if k > 1 else np.zeros((1, 3))
     along = along / np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-12)
-    across = np.eye(3) - along[:, :, None] * along[:, None, :]  # a point says nothing of its place along the path
+    across = np.eye(3) - along[:, :, None] * along[:, None, :]  # points are not measured along the path
     repeats = np.broadcast_to((known.repeatability or 0.0) * np.eye(3), (k, 3, 3))
     mean = slopes.moved.mean(axis=0) if len(slopes.moved) else np.zeros((k, 3))
 
@@ -309,7 +309,7 @@ def _climb(
         pushed, placed = shared[:, :, :4].copy(), shared[:, :, 4:]
         scatter = pushed[:, :, :1] * force.scatter / max(force.level, 1e-12)
         pushed[:, :, 0] *= force.common / max(force.level, 1e-12)
-        # frame, force and run of a measured part are other ones than those of the next
+        # frame, force and run of a measured part are independent of those of the next
         own = np.concatenate([placed, scatter, repeats], axis=2)
         of_part = np.concatenate([robot, smooth, pushed, own], axis=2)
         columns = np.concatenate([robot, smooth, pushed, 0.0 * own], axis=2)
@@ -340,24 +340,23 @@ def _climb(
 
 
 def widen_to_path(drawn: Array) -> float:
-    """Return how much farther the whole path strays than its widest point, both with a probability: 1 or more.
+    """Return the ratio of the 95 % distance of the complete path to that of its widest point, at least 1.
 
-    The same draws tell both, and the farthest point of a draw is never nearer than any one of its points. drawn: tips
-    beside the planned ones, shape (k, 3, count). [m]
+    Both quantiles are estimated from the same samples. drawn: sampled errors of the tip, shape (k, 3, count). [m]
     """
     point = float(np.quantile(np.linalg.norm(drawn, axis=1), LEVEL, axis=1).max(initial=0.0))
     return find_farthest(drawn) / point if point > 0.0 else 1.0
 
 
 def find_farthest(drawn: Array) -> float:
-    """Return the distance that whole drawn paths keep within with 95 %. drawn: shape (k, 3, count). [m]"""
+    """Return the 95 % quantile of the greatest distance of sampled paths. drawn: shape (k, 3, count). [m]"""
     return float(np.quantile(np.linalg.norm(drawn, axis=1).max(axis=0, initial=0.0), LEVEL))
 
 
 def draw_paths(slopes: Slopes, known: Uncertainty, count: int = PATHS) -> Array:
-    """Draw where true tips are beside the planned ones, to first order. Shape (k, 3, count). [m]
+    """Draw errors of the tip along the path, to first order. Shape (k, 3, count). [m]
 
-    Parameters, force and one error of repeatability hold for a whole run; what is unexplained is smooth over the place.
+    Parameters, force and repeatability are constant along a run; the unexplained error is spatially smooth.
     """
     random = np.random.default_rng(SEED)
     k = len(slopes.rows)
@@ -371,10 +370,10 @@ def draw_paths(slopes: Slopes, known: Uncertainty, count: int = PATHS) -> Array:
 
 
 def draw_columns(columns: Array, random: np.random.Generator, count: int) -> Array:
-    """Draw normal tips of covariance C = S S^T. Shape (k, 3, count). [m]
+    """Draw normal errors of the tip of covariance C = S S^T. Shape (k, 3, count). [m]
 
-    With C^(1/2) z = S (S^T S)^(-1/2) S^T z a draw depends on C alone, not on the signs that a decomposition gave S.
-    columns: S, the tip by one standard deviation of each cause. Shape (k, 3, c). [m]
+    A sample C^(1/2) z = S (S^T S)^(-1/2) S^T z depends on C alone, not on the signs of the decomposition S.
+    columns: S, motion of the tip by one standard deviation of each cause. Shape (k, 3, c). [m]
     """
     root = columns.reshape(-1, columns.shape[2])
     value, vector = np.linalg.eigh(root.T @ root)
@@ -385,7 +384,7 @@ def draw_columns(columns: Array, random: np.random.Generator, count: int) -> Arr
 
 
 def name_causes(slopes: Slopes, known: Uncertainty, parts: Mapping[str, Array]) -> dict[str, float]:
-    """Return the band where it is widest by each cause alone, parameters of one kind together. [m]"""
+    """Return the band at its widest row due to each cause alone, with parameters grouped by kind. [m]"""
     if not len(slopes.rows):
         return {}
     mean = slopes.moved.mean(axis=0) if len(slopes.moved) else np.zeros((len(slopes.rows), 3))
@@ -408,9 +407,9 @@ def name_causes(slopes: Slopes, known: Uncertainty, parts: Mapping[str, Array]) 
 def lead_unknowns(
     slopes: Slopes, known: Uncertainty, parts: Mapping[str, Array], most: int = 8
 ) -> tuple[tuple[str, float], ...]:
-    """Rank parameters by how much smaller the mean variance along the path would be if they were known exactly."""
+    """Rank parameters by the reduction of the mean variance along the path if each were known exactly."""
     total = float(np.mean([np.trace(part, axis1=1, axis2=2) for part in parts.values()]) * len(parts))
-    # to know parameter j takes S e_j e_j^T S / S_jj off the covariance S
+    # exact knowledge of parameter j reduces the covariance S by S e_j e_j^T S / S_jj
     along = slopes.model @ known.covariance
     gain = (along**2).sum(axis=(0, 1)) / np.maximum(np.diag(known.covariance), 1e-300) / len(slopes.model)
     order, names = np.argsort(-gain)[:most], known.names

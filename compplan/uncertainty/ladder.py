@@ -1,13 +1,12 @@
-"""The ladder from the present band to one that keeps the tolerance: what each further measurement would make of it.
+"""Predicted 95 % band after further measurements, up to the cheapest set of them that keeps the tolerance.
 
-The tip is off by L z + rest with independent standard normal z: parameters of the robot, what the parameters leave
-unexplained, level and direction of the force. A measurement y = H z + noise of covariance diag(s^2) leaves z the
-covariance
+The error of the tip is L z + rest with independent standard normal z: parameters of the robot, unexplained errors,
+level and direction of the force. After a measurement y = H z + noise of covariance diag(s^2) the covariance of z is
 
-    P = (1 + H^T diag(s^-2) H)^-1,    and the tip the covariance L P L^T + rest.
+    P = (1 + H^T diag(s^-2) H)^-1,    and that of the tip is L P L^T + rest.
 
-Each row of H is one measured coordinate at a place of the path. Poses tell of parameters alone: unexplained errors are
-noise to them (`pose_variance`), here as where a campaign chooses poses.
+Each row of H is one measured coordinate at a place of the path. Poses determine parameters alone: unexplained errors
+are noise to them (`pose_variance`), as in the design of a campaign.
 """
 
 from __future__ import annotations
@@ -23,26 +22,26 @@ from compplan.robot import Array, Robot
 from compplan.robot.uncertainty import Uncertainty, Unknown
 from compplan.uncertainty.assumed import LINK_ELASTICITY, moves_base
 
-#: What the ladder counts with (assumed): poses of a campaign, pull at the tool [N], standard deviation of the tracker
-#: per axis [m]; that of a point on a part (default of `compplan learn`), points that count as independent; what a
-#: log of a force sensor leaves of the force, its level (gain 1 %, drift) and direction [rad].
+#: Assumed measurements: poses of a campaign, pull at the tool [N], standard deviation of the tracker per axis [m];
+#: that of a point on a part (default of `compplan learn`), number of independent points; relative standard deviation
+#: of the force level (gain 1 %, drift) and standard deviation of its direction [rad] after a log of a force sensor.
 POSES, PULL, TRACKER_SIGMA = 12, 400.0, 3e-5
 PROBE, POINTS = 2e-5, 60
 FORCE_LEVEL, FORCE_DIRECTION = 0.02, 0.01
-#: Effects that only a load shows.
+#: Effects that are observable only under load.
 COMPLIANCES = ("joint_stiffness", "link_compliance", "base_compliance", LINK_ELASTICITY)
 
 
 @dataclass(frozen=True)
 class Rung:
-    """The band after one more measurement, those before it included."""
+    """Predicted band after a measurement and all cheaper ones."""
 
     step: str  #: "now", "touch_off", "force_log", "poses" or "first_part".
-    band: float  #: Distance that the whole cut keeps within with 95 %. [m]
-    alone: float  #: The same after this measurement alone. [m]
+    band: float  #: 95 % band of the complete cut. [m]
+    alone: float  #: 95 % band after this measurement alone. [m]
     keeps: bool  #: Whether `band` is within the tolerance.
-    minutes: float  #: Work of one person (assumed).
-    instrument: str  #: What it is measured with.
+    minutes: float  #: Working time of one person (assumed). [min]
+    instrument: str  #: Measuring instrument.
 
 
 #: Minutes of work (assumed) and instrument of each measurement, cheapest first.
@@ -64,9 +63,9 @@ DO = {
 def climb_ladder(
     now: float, band_after: Callable[[Sequence[str]], float], steps: Sequence[str], tolerance: float
 ) -> tuple[tuple[Rung, ...], tuple[str, ...]]:
-    """Return the rungs, and the cheapest set of measurements that keeps; none where none is needed or none does.
+    """Return the bands by measurement, and the cheapest set that keeps the tolerance; empty if not needed or possible.
 
-    now: the band of the whole cut [m], band_after: after a set of measurements; steps: those that have not been taken.
+    now: band of the complete cut [m], band_after: band after a set of measurements; steps: available measurements.
     """
     steps = sorted(steps, key=lambda step: COSTS[step][0])
     rungs = [Rung("now", now, now, now <= tolerance, 0.0, "")]
@@ -81,10 +80,10 @@ def climb_ladder(
 
 
 def weigh_poses(robot: Robot, unknowns: Sequence[Unknown], load: float) -> Array:
-    """Return what poses of a campaign see of each parameter, of what it moves on the path. Shape (p,).
+    """Return the observability of each parameter in poses, relative to its effect on the path. Shape (p,).
 
-    A tracker stands anywhere: it sees nothing of what moves base and arm alike. Compliances show by the pull, under the
-    greatest force of the process as `load`. [N]
+    It is zero for parameters that move the complete arm, because the frame of the tracker is unknown. That of a
+    compliance is the ratio, at most 1, of the pull to `load`, the greatest force of the process. [N]
     """
     share = min(1.0, PULL / max(load, 1e-9))
     weight = [
@@ -110,5 +109,5 @@ def condition(columns: Array, rows: Sequence[Array], sigmas: Sequence[float]) ->
 
 
 def pick_places(count: int, most: int) -> NDArray[np.int_]:
-    """Return rows evenly along a path, at most so many."""
+    """Return at most `most` evenly spaced of `count` rows."""
     return np.unique(np.linspace(0, count - 1, most).astype(int)) if count else np.zeros(0, int)

@@ -1,14 +1,14 @@
-"""What the motion of the arm and the place of the part add to the band.
+"""Contributions of the motion of the arm and of the placement of the part to the band.
 
-The springs answer to the load b(t) of the motion with their own dynamics (`compplan.simulation.vibration`), and so they
-do to drives that move ahead by what the load c(t) that a plan compensates would bend. With k the factor of masses and
+The springs respond dynamically to the load b(t) of the motion (`compplan.simulation.vibration`), and likewise to the
+motion by which the drives compensate the static deflection under the load c(t). With k the factor of masses and
 compliances,
 
-    e(t) = k x(t; k)[b] - x(t; k)[c],      c = 0 where nothing is compensated,
+    e(t) = k x(t; k)[b] - x(t; k)[c],      c = 0 without compensation,
 
-x[.] the answer of the tip to a load as modelled, with frequencies over sqrt(k). c is b without what changes faster than
-the arm can follow. Factors and damping are drawn, evenly over their distributions.
-A part whose place is stated to a width is off by a shift and a turn about its own frame, one for the whole path.
+where x[.] is the modelled response of the tip to a load, with frequencies over sqrt(k). c is b low-pass filtered to the
+bandwidth that the arm can follow. Factors and damping are stratified samples of their distributions.
+The placement of the part errs by a shift and a rotation about the part frame, constant along the path.
 """
 
 from __future__ import annotations
@@ -27,12 +27,12 @@ from compplan.robot.pose import rigid_columns
 from compplan.robot.uncertainty import Uncertainty, split_unknowns
 from compplan.simulation.vibration import MODES, POSTURES, Dynamics, find_modes, modal_response
 
-#: Relative standard deviation of the masses that move, where the folder states them and where they are assumed
-#: (assumed: makers state arms to some 10 %; shares of links guessed from the whole arm err by more).
+#: Relative standard deviation of the moving masses, if the folder states them and if they are assumed (assumed: makers
+#: state arms to some 10 %; link masses estimated from that of the arm err by more).
 STATED, GUESSED = 0.10, 0.30
-#: Factor by which damping may be other than assumed, one standard deviation (assumed).
+#: Factor of one standard deviation of the damping (assumed).
 DAMPING_FACTOR = 1.6
-#: Factors and dampings that are drawn.
+#: Number of samples.
 DRAWS = 12
 
 
@@ -42,39 +42,39 @@ def greatest_shift(shift: Array) -> float:
 
 
 def spread_draws(error: Array) -> Array:
-    """Return the covariance of drawn tips about their mean. Shape (d, n, 3) -> (n, 3, 3). [m^2]."""
+    """Return the covariance of sampled tips about their mean. Shape (d, n, 3) -> (n, 3, 3). [m^2]."""
     away = error - error.mean(axis=0)
     return np.asarray(np.einsum("dni,dnj->nij", away, away) / max(len(away) - 1, 1))
 
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """Where the motion of the arm puts the tip; n rows."""
+    """Dynamic error of the tip due to the motion of the arm; n rows."""
 
-    error: Array  #: Tip beside the planned one in every draw. Shape (d, n, 3). [m]
-    answer: Array  #: Motion of the tip by the load of its motion, as modelled. Shape (n, 3). [m]
-    static: Array  #: The same if the springs gave at once. Shape (n, 3). [m]
-    source: str  #: What it rests on.
+    error: Array  #: Actual minus planned tip, by sample. Shape (d, n, 3). [m]
+    answer: Array  #: Modelled dynamic response of the tip to the inertial load. Shape (n, 3). [m]
+    static: Array  #: Quasi-static response of the tip to the inertial load. Shape (n, 3). [m]
+    source: str  #: Source of masses and damping.
 
     @property
     def mean(self) -> Array:
-        """Mean over the draws. Shape (n, 3). [m]."""
+        """Return the mean over the samples. Shape (n, 3). [m]."""
         return np.asarray(self.error.mean(axis=0))
 
     @property
     def covariance(self) -> Array:
-        """Covariance over the draws. Shape (n, 3, 3). [m^2]."""
+        """Return the covariance over the samples. Shape (n, 3, 3). [m^2]."""
         return spread_draws(self.error)
 
     def worst_rows(self, cut: NDArray[np.bool_], most: int) -> NDArray[np.int_]:
-        """Return the rows of the cut where the motion moves the tip the most, at most so many."""
+        """Return the rows of the cut with the greatest errors, at most `most`."""
         rows = np.flatnonzero(cut)
         size = (self.error[:, rows] ** 2).sum(axis=2).max(axis=0)
         return np.sort(rows[np.argsort(size)[-most:]])
 
 
 class Push(NamedTuple):
-    """A load on each elastic coordinate, shape (n, s) [N m or N], and the tip's motion at rest by it, (n, 3) [m]."""
+    """Load on each elastic coordinate, (n, s) [N m or N], and static motion of the tip under it, (n, 3) [m]."""
 
     load: Array
     static: Array
@@ -83,15 +83,15 @@ class Push(NamedTuple):
 def swing_arm(
     dynamics: Dynamics, q: Array, time: Array, moving: Push, held: Push, *, width: float, damping: float, source: str
 ) -> Motion:
-    """Let drawn arms, (n, nq), answer to the load of a motion at times (n,) [s].
+    """Simulate the response of sampled arms at joint positions (n, nq) and times (n,) [s] to the load of a motion.
 
-    held: the load that the plan compensates, nothing where it compensates none; width: relative standard deviation of
-    masses and compliances together; damping: share of critical damping; source: what masses and damping rest on.
+    moving: inertial load; held: load that the plan compensates, zero without compensation; width: relative standard
+    deviation of masses and compliances together; damping: ratio to critical; source: source of masses and damping.
     """
     rows = np.unique(np.linspace(0, len(q) - 1, min(POSTURES, len(q))).astype(int))
     modes = find_modes(dynamics, q[rows], MODES)
     level = ndtri((np.arange(DRAWS) + 0.5) / DRAWS)
-    level /= np.sqrt(np.mean(level**2))  # a dozen even draws spread less than the distribution
+    level /= np.sqrt(np.mean(level**2))  # stratified samples have too small a variance
     spread = np.sqrt(np.log1p(width**2))  # of the logarithm, for a relative deviation: lognormal, mean 1
     factors = np.exp(spread * level - 0.5 * spread**2)
     dampings = np.clip(damping * DAMPING_FACTOR ** level[(7 * np.arange(DRAWS)) % DRAWS], 1e-3, 0.9)
@@ -103,7 +103,7 @@ def swing_arm(
 
 
 def know_masses(robot: Robot, known: Uncertainty) -> tuple[float, str]:
-    """Return the relative width of masses and compliances together, and what the masses rest on."""
+    """Return the relative standard deviation of masses and compliances together, and the source of the masses."""
     said = str(robot.sources.get("masses", "not stated in the folder"))
     assumed = "assumed" in said or "does not say" in said
     masses = GUESSED if assumed else STATED
@@ -118,15 +118,15 @@ def know_masses(robot: Robot, known: Uncertainty) -> tuple[float, str]:
 
 
 def read_placement(noise: NoiseTable | None) -> tuple[float, float] | None:
-    """Return the stated uncertainty of the part's place, shift [m] and turn [rad] per axis, or None."""
+    """Return the stated placement uncertainty of the part, shift [m] and rotation [rad] per axis, or None."""
     if noise is None or not {"part_frame_mm", "part_frame_deg"} & noise.model_fields_set:
         return None
     return noise.part_frame_mm * 1e-3, float(np.radians(noise.part_frame_deg))
 
 
 def shift_part(position: Array, origin: Array, width: tuple[float, float]) -> Array:
-    """Return how the part moves by one standard deviation of its place: three shifts, three turns. Shape (n, 3, 6).
+    """Return the motion of the part by one standard deviation of three shifts and three rotations. Shape (n, 3, 6).
 
-    position: wanted tip (n, 3) [m]; origin: of the part frame (3,) [m]; width: deviations per axis [m, rad].
+    position: nominal tip (n, 3) [m]; origin: of the part frame (3,) [m]; width: deviations per axis [m, rad].
     """
     return np.asarray(rigid_columns(position, origin) * np.repeat(width, 3))

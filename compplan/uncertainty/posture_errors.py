@@ -1,7 +1,7 @@
-"""The error band as what postures are chosen for: how far the tip is off by every unknown, at thousands of postures.
+"""Error band as a criterion for choosing postures: error of the tip by every unknown, at thousands of postures.
 
-The columns are those of `compplan.uncertainty.band`, taken to first order: an unknown that an effect has a signature
-for costs its signature, any other the secant of `measure_slopes`.
+The columns are those of `compplan.uncertainty.band` to first order: the signature of the effect if there is one,
+otherwise the secant of `measure_slopes`.
 """
 
 from __future__ import annotations
@@ -31,22 +31,22 @@ from compplan.uncertainty.sensitivities import (
 
 @dataclass(frozen=True, eq=False)
 class PostureErrors:
-    """What is known of a robot, as errors of the tip at any posture."""
+    """Uncertainty of a robot and its force, as errors of the tip at any posture."""
 
     robot: Robot  #: The robot with its tool.
-    known: Uncertainty  #: Its uncertainty.
+    known: Uncertainty  #: Parameter uncertainty of the robot.
     force: ForceSpread  #: Uncertainty of the force.
 
     @property
     def source(self) -> str:
-        """Say where the errors come from."""
+        """Return a description of the source of the errors."""
         said = {"measured": "measured", "literature": "from literature", "assumed": "assumed"}[self.known.grade]
         return f"widths are {said}: {self.known.source}; force: {self.force.source}"
 
     def columns(self, q: Array, wrench: Array) -> Array:
         """Return the error of the tip by one standard deviation of each cause. Shape (n, 3, errors). [m].
 
-        Infinite where the loaded arm finds no equilibrium. q: shape (n, nq); wrench at the TCP, base axes: (n, 6).
+        Infinite if the loaded arm has no equilibrium. q: shape (n, nq); wrench at the TCP, base axes: (n, 6).
         """
         try:
             return self._columns(build_path_model(self.robot, q, wrench))
@@ -68,15 +68,15 @@ class PostureErrors:
 
 
 def posture_errors(job: Job, robot: Robot) -> PostureErrors | None:
-    """Return what a job's posture is to be chosen for; None where its preset does not ask for the error band.
+    """Return the error band criterion of a job; None unless its posture preset is "error_band".
 
     Raises:
-        InputError: If the folder's uncertainty.toml names what this robot does not have.
+        InputError: If the folder's uncertainty.toml names an effect, joint or parameter that the robot does not have.
     """
     if job.posture.preset != "error_band":
         return None
     known = robot_uncertainty(robot)
-    if job.part.touched_off:  # to first order what moves the base moves a touched-off part as well
+    if job.part.touched_off:  # to first order a touched-off part moves with the base
         unknowns = tuple(replace(u, deviation=0.0 * u.deviation) if moves_base(robot, u) else u for u in known.unknowns)
         known = replace(known, unknowns=unknowns)
     return PostureErrors(robot, known, read_force_spread(job))
@@ -85,7 +85,7 @@ def posture_errors(job: Job, robot: Robot) -> PostureErrors | None:
 def derive_force(at: Linearization, wrench: Array, spread: ForceSpread) -> Array:
     """Return the motion of the tip by one standard deviation of the force, to first order. Shape (n, 3, 5). [m].
 
-    Its level, a turn about each base axis, and its level from place to place: J C J^T times the change of the wrench.
+    Columns: level, rotation about each base axis, local level; each is J C J^T times the change of the wrench.
     """
     parts = wrench[:, :3], wrench[:, 3:]
     turned = [np.concatenate([np.cross(axis, part) for part in parts], axis=1) for axis in np.eye(3)]
@@ -114,5 +114,5 @@ def derive_unknowns(at: Linearization, unknowns: Sequence[Unknown]) -> Array:
 
 
 def _plain(entry: Signature | Unknown) -> dict[str, object]:
-    """Return the settings that an effect's form holds fixed."""
+    """Return the fixed settings of an effect as plain values."""
     return {key: value if isinstance(value, str) else plain(value) for key, value in entry.fixed.items()}

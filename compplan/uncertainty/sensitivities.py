@@ -1,9 +1,9 @@
-"""Robots whose unknown parameters have some values, and how the loaded tip moves with each and with the force.
+"""Robot models with varied parameters, and derivatives of the loaded tip by parameters and force.
 
-Compliances change by a spring in series, C = C_folder + dC, which holds for either sign of dC; everything else goes
-through the effects' own forward model. Columns of the Jacobian are secants of the exact equilibrium over one standard
-deviation. What a memory decides (lost motion) is staged over the whole path; the equilibrium is solved at a few of its
-rows.
+Compliances change by a spring in series, C = C_folder + dC, valid for either sign of dC; all other parameters change
+through the forward model of their effect. Columns of the Jacobian are secants of the exact equilibrium over one
+standard deviation. Effects with memory (lost motion) are evaluated along the complete path; the equilibrium is solved
+at selected rows.
 """
 
 from __future__ import annotations
@@ -38,17 +38,17 @@ from compplan.robot import Array, Robot, Spring
 from compplan.robot.uncertainty import Uncertainty, Unknown, split_unknowns
 from compplan.uncertainty.assumed import LINK_ELASTICITY
 
-#: Rows of a path at which the equilibrium is differentiated.
+#: Number of rows of a path at which the equilibrium is differentiated.
 ROWS = 200
-#: Share of a stated spread of the level that differs from part to part at most (assumed: half of the variance).
+#: Greatest part-to-part share of a stated deviation of the level (assumed: half of the variance).
 SHARED = 0.7
-#: Distance over which the size of the force varies from place to place (assumed). [m]
+#: Correlation length of the local level of the force (assumed). [m]
 CORRELATION = 0.02
-#: Steps where a deviation is zero, and of the force.
+#: Difference steps: of a parameter with zero deviation [SI], and of the force (relative; rotation in rad).
 TINY, SHARE = 1e-9, 1e-3
-#: Variance that every parameter has apart, of its own: what goes with the force is told from rounding by it.
+#: Variance added to the correlation matrix of the parameters, against rounding.
 APART = 1e-6
-#: To what elastic coordinates are settled in scenes that are compared with one another. [rad or m]
+#: Tolerance of elastic coordinates in equilibria that are subtracted. [rad or m]
 REFINED = 1e-12
 _BY_ROW = ("zero", "drive", "wrench", "joint_load", "growth", "base_twist", "tool_twist", "encoder")
 
@@ -57,26 +57,26 @@ _BY_ROW = ("zero", "drive", "wrench", "joint_load", "growth", "base_twist", "too
 class ForceSpread:
     """Uncertainty of the wrench on the tool; relative standard deviations."""
 
-    level: float  #: Of its size, alike along the path, what differs from part to part included.
-    direction: float  #: Of its direction, alike along the path. [rad]
-    path: float  #: Of its size, from place to place.
-    source: str  #: Where it comes from.
-    scatter: float = 0.0  #: Of its size from part to part, at most `level`.
-    #: Covariance of its size and of turns about the base axes [rad] with parameters of the robot. Shape (p, 4).
+    level: float  #: Of its magnitude, constant along the path, including part-to-part scatter.
+    direction: float  #: Of its direction, constant along the path. [rad]
+    path: float  #: Of its magnitude, varying along the path.
+    source: str  #: Source of the values.
+    scatter: float = 0.0  #: Of its magnitude from part to part, at most `level`.
+    #: Covariance of magnitude and rotations about the base axes [rad] with robot parameters. Shape (p, 4).
     robot: Array = field(default_factory=lambda: np.zeros((0, 4)))
 
     @property
     def common(self) -> float:
-        """Of its size, what all parts share."""
+        """Return the standard deviation of the magnitude common to all parts."""
         return float(np.sqrt(max(self.level**2 - self.scatter**2, 0.0)))
 
     def of_all(self) -> ForceSpread:
-        """Return what all parts share, without what differs from part to part."""
+        """Return the uncertainty common to all parts, without part-to-part scatter."""
         return replace(self, level=self.common)
 
 
 def read_force_spread(job: Job | None) -> ForceSpread:
-    """Return what measured parts and a job's [noise] say of the force, its assumed defaults where there is no job."""
+    """Return the uncertainty of the force from measured parts and [noise] of a job; without a job, assumed defaults."""
     table = NoiseTable() if job is None else job.noise
     learned = None if job is None else find_learned_force(job)
     if learned is not None:
@@ -94,10 +94,10 @@ def read_force_spread(job: Job | None) -> ForceSpread:
 
 
 def tie_force(known: Uncertainty, spread: ForceSpread) -> tuple[Array, Array]:
-    """Split level and turns of the force into what goes with the robot's parameters and what is apart from them.
+    """Split level and rotations of the force into parts correlated with and independent of the robot's parameters.
 
     With parameters p = S z and shares f in standard deviations, f = B z + L e; z and e are independent and normal. The
-    first parameters of `known` are those that `spread` names. Returns B, shape (4, r), and L, shape (4, 4).
+    first parameters of `known` correspond to the rows of `spread.robot`. Returns B, (4, r), and L, (4, 4).
     """
     factor, count = known.factor, len(spread.robot)
     size = np.array([spread.level, *[spread.direction] * 3])
@@ -107,40 +107,40 @@ def tie_force(known: Uncertainty, spread: ForceSpread) -> tuple[Array, Array]:
     joint = np.pad(spread.robot, ((0, len(factor) - count), (0, 0))).T / size[:, None] / width
     tied = joint @ np.linalg.solve(factor @ factor.T + APART * np.eye(len(factor)), factor)
     value, vector = np.linalg.eigh(tied @ tied.T)
-    # parameters and force were rounded: what goes with the robot is at most all of it
+    # limit the correlation to 1: parameters and force were rounded
     tied = vector @ np.diag(1.0 / np.sqrt(np.maximum(value, 1.0))) @ vector.T @ tied
     return tied, vector @ np.diag(np.sqrt(np.maximum(1.0 - value, 0.0))) @ vector.T
 
 
 def pick_rows(cut: NDArray[np.bool_], most: int = ROWS) -> NDArray[np.int_]:
-    """Pick rows of the cut, evenly, the first and the last included."""
+    """Select at most `most` evenly spaced rows of the cut, including the first and the last."""
     rows = np.flatnonzero(cut)
     return rows if len(rows) <= most else rows[np.unique(np.linspace(0, len(rows) - 1, most).astype(int))]
 
 
 def build_path_model(robot: Robot, q: Array, wrench: Array, step_time: Array | None = None) -> ForwardModel:
-    """Stage a robot at the rows of a commanded path, with the effects of its folder."""
+    """Build the forward model of a robot at the rows of a commanded path, with the effects of its folder."""
     time = None if step_time is None else np.r_[0.0, np.cumsum(step_time)]
     return build_varied_model(robot, command_campaign(q, wrench, time=time))
 
 
 def select_model_rows(scene: ForwardModel, rows: NDArray[np.int_]) -> ForwardModel:
-    """Take some rows of a scene; what the others have left behind in it stays."""
+    """Select rows of a forward model; effects with memory keep the influence of the other rows."""
     parts = {name: getattr(scene, name)[rows] for name in _BY_ROW}
     return replace(scene, campaign=scene.campaign.take(rows), **parts)
 
 
 def unload_model(scene: ForwardModel, rows: NDArray[np.int_]) -> Attained:
-    """Return what some rows of a scene come to, settled so far that others are compared with it."""
+    """Solve the equilibrium of selected rows of a forward model, accurately enough for finite differences."""
     return solve_model_poses(select_model_rows(scene, rows), tolerance=REFINED)
 
 
 def measure_slopes(
     scene: ForwardModel, unknowns: Sequence[Unknown], rows: NDArray[np.int_], rest: Attained | None = None
 ) -> Array:
-    """Return the motion of the target per unit of every parameter at rows of a path. Shape (k, 3, p). [m per SI unit]
+    """Return the derivative of the target by every parameter at rows of a path. Shape (k, 3, p). [m per SI unit]
 
-    rest: what `unload_model` says of the rows, where it is known.
+    rest: result of `unload_model` at the rows, if available.
     """
     rest = rest or unload_model(scene, rows)
     varied, steps = [], []
@@ -160,7 +160,7 @@ def measure_force_slopes(
 ) -> tuple[Array, Array]:
     """Return the motion of the tip by one standard deviation of the force: shared (k, 3, 4) and local (k, 3, 1). [m]
 
-    The shared ones hold all along the path: its level, and a turn about each base axis.
+    The shared ones are constant along the path: its level, and a rotation about each base axis.
     """
     here = select_model_rows(scene, rows)
     if not here.wrench.any():
@@ -175,23 +175,23 @@ def measure_force_slopes(
 
 
 def apply_wrench_to_model(scene: ForwardModel, force: Array, spread: ForceSpread) -> ForwardModel:
-    """Put shares of the force's spread into a scene: its level, and a turn about each base axis. force: shape (4,)."""
+    """Apply shares of the force uncertainty to a model: level, and rotation about each base axis. force: shape (4,)."""
     turn = Rotation.from_rotvec(spread.direction * np.asarray(force[1:]))
     return replace(scene, wrench=turn_wrench(scene.wrench * (1.0 + spread.level * float(force[0])), turn))
 
 
 def turn_wrench(wrench: Array, turn: Rotation) -> Array:
-    """Turn forces and moments alike. Shape (k, 6). [N, N m]."""
+    """Rotate forces and moments. Shape (k, 6). [N, N m]."""
     return np.concatenate([turn.apply(wrench[:, :3]), turn.apply(wrench[:, 3:])], axis=1)
 
 
 def tip_of(scene: ForwardModel, rows: NDArray[np.int_]) -> Array:
-    """Return where the loaded tip of a scene goes at some rows. Shape (k, 3). [m]."""
+    """Return the loaded tip of a forward model at selected rows. Shape (k, 3). [m]."""
     return solve_model_poses(select_model_rows(scene, rows)).position
 
 
 def vary_robot(robot: Robot, unknown: Unknown, values: Array) -> tuple[Robot, Effect | None]:
-    """Change the parameters of one unknown; an effect that URDF and springs cannot say is returned beside the robot."""
+    """Change the parameters of one unknown; return the robot, and an effect if URDF and springs cannot represent it."""
     change = float(values[0])
     if unknown.effect == "joint_stiffness":
         return _in_series(robot, Spring(str(unknown.joint), "own", change, actuator=True)), None
@@ -217,13 +217,13 @@ def vary_robot(robot: Robot, unknown: Unknown, values: Array) -> tuple[Robot, Ef
 
 
 def build_varied_model(robot: Robot, campaign: Campaign) -> ForwardModel:
-    """Put a robot with the effects of its folder at rows that it is commanded to; instruments see nothing here."""
+    """Build the forward model of a robot with the effects of its folder at commanded rows, no instrument errors."""
     effects = [effect for effect in robot_effects(robot) if not is_of_instrument(effect.name)]
     return apply_effects(build_model(robot, campaign, later=True), effects)
 
 
 def vary_model(scene: ForwardModel, unknowns: Sequence[Unknown], values: Array) -> ForwardModel:
-    """Put values of the unknowns into a scene, exactly."""
+    """Apply values of the unknowns to a forward model, exactly."""
     robot, beside = scene.robot, []
     for unknown, own in split_unknowns(unknowns, values):
         robot, effect = vary_robot(robot, unknown, own)
@@ -233,5 +233,5 @@ def vary_model(scene: ForwardModel, unknowns: Sequence[Unknown], values: Array) 
 
 
 def _in_series(robot: Robot, spring: Spring) -> Robot:
-    """Add a spring behind those of its joint."""
+    """Add a spring in series with those of its joint."""
     return replace(robot, springs=(*robot.springs, spring))

@@ -1,10 +1,10 @@
-"""Touch-off: what the arm's errors at the touched points of a part do to the part frame.
+"""Touch-off: effect of arm errors at the touched points of a part on the part frame.
 
-A part that was found with the robot stands where the controller showed the sagging arm at the touched points. With the
-pose c shown by the controller and the pose T(q) of the loaded arm, the part is displaced from the stated frame by the
-rigid motion D that fits D c = T(q) best. Loaded poses are compared with the path as D^-1 T(q): what bends or displaces
-the arm counts by its difference between path and touched points. Every touched coordinate is read with an independent
-error s, so that the fitted frame x of covariance s^2 F F^T (F: `linear_displacement`) adds to the error of the tip.
+A part frame located with the robot follows from the positions that the controller displayed while the arm sagged. With
+displayed points c and points T(q) of the loaded arm, the part is displaced from the stated frame by the rigid motion D
+that fits D c = T(q) best. Loaded poses are compared with the path as D^-1 T(q): arm errors count by their difference
+between path and touched points. Every touched coordinate is read with an independent error s, so that the fitted frame
+x of covariance s^2 F F^T (F: `linear_displacement`) adds to the error of the tip.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from compplan.controllers.writers.joint_convention import believed_robot
+from compplan.controllers.writers.joint_convention import controller_robot
 from compplan.effects.attained import TRANSIENT, attain_with_effects, rest_robot
 from compplan.effects.forward_model import ForwardModel
 from compplan.job.job import Job
@@ -27,7 +27,7 @@ from compplan.statics.ik import build_arm, pose_error, refine_ik
 from compplan.toolpath.toolpath import Toolpath
 from compplan.uncertainty.sensitivities import build_path_model, measure_slopes
 
-#: A touched point is reached where its pose is missed by less. [m, rad]
+#: Greatest pose error of a touched point that counts as reached. [m, rad]
 REACHED = 1e-6
 #: Repeatability of a touched coordinate, one standard deviation (assumed: edge finder or wired probe). [m]
 TOUCH_REPEATABILITY = 2e-5
@@ -35,33 +35,33 @@ TOUCH_REPEATABILITY = 2e-5
 
 @dataclass(frozen=True, eq=False)
 class TouchOff:
-    """How a part was found by touching it."""
+    """Touch-off of a part: found frame and touched points."""
 
-    frame: Array  #: Pose of the part frame that the touch found, seen from the base. Shape (4, 4). [m]
+    frame: Array  #: Pose of the found part frame in the base frame. Shape (4, 4). [m]
     #: Touched points in the part frame; None: three corners of the box of the cut. Shape (k, 3). [m]
     points: Array | None = None
 
 
 @dataclass(frozen=True, eq=False)
 class TouchedPart:
-    """A part as the touch found it."""
+    """A part located by touch-off."""
 
-    robot: Robot  #: The robot model that found it.
+    robot: Robot  #: Robot model of the touch-off.
     q: Array  #: Joint positions at the touched points. Shape (k, nq). [rad or m]
     shown: Array  #: The touched points in the found frame, base axes. Shape (k, 3). [m]
-    #: D, from the found frame to where the part stands by the robot model; None where nothing bends or displaces the
-    #: arm there. Shape (4, 4). [m]
+    #: D, from the found frame to the actual frame by the robot model; None if neither gravity, effects nor the geometry
+    #: in the controller displace the arm. Shape (4, 4). [m]
     displacement: Array | None
 
     def spread_part(self, position: Array) -> Array:
-        """Return how the fitted part moves by one deviation of the touched coordinates. Shape (n, 3, 6). [m]"""
+        """Return the motion of the fitted part by one deviation of the touched coordinates. Shape (n, 3, 6). [m]"""
         fit = linear_displacement(self.shown)
         value, vector = np.linalg.eigh(fit @ fit.T)
-        root = vector * np.sqrt(np.maximum(value, 0.0)) @ vector.T  # the symmetric one: no sign is free
+        root = vector * np.sqrt(np.maximum(value, 0.0)) @ vector.T  # symmetric, hence unique
         return self._carry(TOUCH_REPEATABILITY * root, position)
 
     def follow(self, moved: Array, position: Array) -> Array:
-        """Return how the fitted part moves at positions with the touched points. Shape (n, 3, p). [m]
+        """Return the motion of the fitted part at positions, due to the touched points. Shape (n, 3, p). [m]
 
         moved: motion of the touched points by each of p causes, (k, 3, p) [m]; position: base axes, (n, 3) [m].
         """
@@ -88,22 +88,22 @@ class TouchedPart:
 
 
 def read_touch(job: Job) -> TouchOff:
-    """Return how the part of a job is touched: at the points of [part], or at three corners of the box of its cut."""
+    """Return the touch-off of a job: at the points of [part], or at three corners of the box of its cut."""
     return TouchOff(job.T_base_part, job.part.touched_points)
 
 
 def touch_part(robot: Robot, path: Toolpath, rotation: Array, q: Array, touch: TouchOff) -> TouchedPart:
-    """Compute what the touch found, by the robot model, of a path in the base frame with its tool rotations and joints.
+    """Compute the touched part by the robot model; path in the base frame, with its tool rotations and joint positions.
 
-    The tool stands at each touched point as at the nearest waypoint of the cut; a point that the arm does not reach so
-    is replaced by that waypoint.
+    The tool orientation at each touched point is that of the nearest waypoint of the cut; an unreachable point is
+    replaced by that waypoint.
     """
     cut = np.flatnonzero(~path.rapid)
     turn, origin = touch.frame[:3, :3], touch.frame[:3, 3]
     points = pick_corners((path.position[cut] - origin) @ turn) if touch.points is None else touch.points
     points = points @ turn.T + origin
     row = cut[np.linalg.norm(path.position[cut] - points[:, None], axis=2).argmin(axis=1)]
-    believed = believed_robot(robot)
+    believed = controller_robot(robot)
     points, found = _reach_points(believed, points, path.position[row], rotation[row], q[row])
     return TouchedPart(robot, found, points, _find_displacement(robot, believed, found))
 
@@ -119,7 +119,7 @@ def pick_corners(points: Array) -> Array:
 
 
 def _reach_points(believed: Robot, points: Array, position: Array, rotation: Array, near: Array) -> tuple[Array, Array]:
-    """Return points that the arm reaches, and the joint positions at which the controller shows them."""
+    """Return reachable points, and the joint positions at which the controller displays them."""
     arm = build_arm(believed)
     there = refine_ik(arm, near, position, rotation, iterations=30) if len(arm.arm) == 6 else near
     q = refine_ik(arm, there, points, rotation, iterations=30) if len(arm.arm) == 6 else near
@@ -138,7 +138,7 @@ def _find_displacement(robot: Robot, believed: Robot, q: Array) -> Array | None:
 
 
 def locate_touching(robot: Robot, q: Array) -> Array:
-    """Return where the arm holds the tip at rest and without process force. Shape (k, 3). [m]."""
+    """Return the loaded tip at rest and without process force. Shape (k, 3). [m]."""
     still, robot = np.zeros((len(q), 6)), rest_robot(robot)
     if robot.effects:
         return attain_with_effects(robot, q, still, np.ones(len(q) - 1))[0]
@@ -146,7 +146,7 @@ def locate_touching(robot: Robot, q: Array) -> Array:
 
 
 def stage_touch(touched: TouchedPart) -> ForwardModel:
-    """Stage the robot at the touched points, at rest and without process force."""
+    """Build the forward model of the robot at the touched points, at rest and without process force."""
     return build_path_model(rest_robot(touched.robot), touched.q, np.zeros((len(touched.q), 6)))
 
 
@@ -159,7 +159,7 @@ def is_lasting(unknowns: Sequence[Unknown]) -> Array:
 def subtract_touch(model: Array, position: Array, touched: TouchedPart | None, unknowns: Sequence[Unknown]) -> Array:
     """Return motions of the tip, (k, 3, p), relative to the part that moves with the touched points. [m per SI unit]
 
-    position: where the tip is, (k, 3) [m]; without a touched part the motions stay as they are.
+    position: of the tip, (k, 3) [m]; without a touched part the motions are unchanged.
     """
     if touched is None or not model.shape[2]:
         return model

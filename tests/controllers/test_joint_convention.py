@@ -9,7 +9,7 @@ import pytest
 from robot_library import over_robots
 
 from compplan.controllers.writers.joint_convention import (
-    believed_robot,
+    controller_robot,
     from_controller,
     krl_status,
     load_controller,
@@ -113,7 +113,7 @@ def test_cartesian_programs_go_through_the_geometry_that_the_controller_believes
     (folder / "robot.urdf").write_text(text.replace('<origin xyz="0.24 0 0"/>', '<origin xyz="0.241 0 0"/>'))
     robot = load_robot(folder)
     q = random_q(robot, 5)
-    real, believed = (locate_link(each, q, robot.tcp)[:, :3, 3] for each in (robot, believed_robot(robot)))
+    real, believed = (locate_link(each, q, robot.tcp)[:, :3, 3] for each in (robot, controller_robot(robot)))
     assert np.linalg.norm(real - believed, axis=1) == pytest.approx(0.001)
 
 
@@ -127,7 +127,7 @@ def test_a_measured_folder_keeps_the_geometry_that_its_controller_believes_where
     assert not (tmp_path / "same" / "controller.urdf").exists()
     written = load_robot(tmp_path / "moved")
     q = random_q(nominal, 5)
-    real, believed, before = (locate_link(r, q, r.tcp)[:, :3, 3] for r in (written, believed_robot(written), nominal))
+    real, believed, before = (locate_link(r, q, r.tcp)[:, :3, 3] for r in (written, controller_robot(written), nominal))
     assert believed == pytest.approx(before, abs=1e-12)
     assert np.linalg.norm(real - before, axis=1) == pytest.approx(0.001)
 

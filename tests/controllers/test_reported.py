@@ -52,7 +52,7 @@ def test_words_that_fit_the_arm_are_accepted_and_any_other_is_named(language: st
 def test_stops_are_those_of_the_plan() -> None:
     moves = [Move("line", stops) for stops in (False, False, True)]
     assert WANTED.compare("krl", moves) == []
-    rest = replace(WANTED, stands=np.array([False, True, False]))
+    rest = replace(WANTED, exact_stops=np.array([False, True, False]))
     assert rest.compare("krl", moves) == ["the program runs through row 1, the plan does not"]
     assert WANTED.compare("krl", [moves[0]._replace(stops=True), *moves[1:]]) == [
         "the program stops at row 0, the plan does not"
@@ -81,5 +81,5 @@ def test_configuration_words_are_read_from_the_robot_folder() -> None:
     q = np.radians([[0.0, 20.0, -100.0, 0.0, 30.0, 0.0], [0.0, 20.0, -60.0, 0.0, 5e-3, 0.0]])
     words = read_words(load_controller(robot), robot, q)
     assert words["elbow"].values.tolist() == ["up", "down"]
-    assert words["wrist"].values.tolist() == ["noflip", "noflip"] and words["wrist"].sure.tolist() == [True, False]
+    assert words["wrist"].values.tolist() == ["noflip", "noflip"] and words["wrist"].clear.tolist() == [True, False]
     assert words["shoulder"].values.tolist() == ["front", "front"]

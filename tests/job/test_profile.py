@@ -42,10 +42,10 @@ def test_post_takes_robot_part_and_language_from_a_profile(tmp_path: Path) -> No
     shop, cam = write_profile(tmp_path), tmp_path / "part.nc"
     cam.write_text("G90\nG0 X0 Y0 Z5\nG1 Z0 F600\nG1 X10\nM30\n")
     none = dict.fromkeys(("tool", "tools", "process", "cam", "plan", "output"))
-    job = make_post_job(cam, robot=None, part=None, program=(), profile=shop, stands_in=tmp_path / "x.toml", **none)
+    job = make_post_job(cam, robot=None, part=None, program=(), profile=shop, job_file=tmp_path / "x.toml", **none)
     assert job.robot == "ur10" and job.output.programs == ("urscript",)
     with pytest.raises(InputError, match="--robot is missing"):
-        make_post_job(cam, robot=None, part=None, program=(), profile=None, stands_in=tmp_path / "x.toml", **none)
+        make_post_job(cam, robot=None, part=None, program=(), profile=None, job_file=tmp_path / "x.toml", **none)
 
 
 def test_files_of_a_profile_count_from_its_folder_and_a_path_is_no_shop_s_answer(tmp_path: Path) -> None:

@@ -20,7 +20,7 @@ from compplan.controllers.readback.kuka_staubli import read_krl
 from compplan.controllers.writers import build_program, write_program, write_sequence
 from compplan.errors import InputError
 from compplan.job.job import check_job, load_job
-from compplan.job.operations import settle_job, split_job
+from compplan.job.operations import require_single_operation, split_job
 from compplan.job.tool_tables import read_tool_library, take_tool
 from compplan.reporting.operations import deliver_operations
 from compplan.toolpath.operations import split_operations
@@ -123,14 +123,14 @@ def test_a_command_of_one_tool_takes_the_operation_that_the_job_names(tmp_path: 
     file = tmp_path / "job.toml"
     file.write_text(tomli_w.dumps(data))
     with pytest.raises(InputError, match=r"2 operations \(1 T1, 2 T2\) and this takes one; write"):
-        settle_job(load_job(file))
+        require_single_operation(load_job(file))
     file.write_text(tomli_w.dumps({**data, "cam": {"cycles": "expand", "operation": 2}}))
-    job = settle_job(load_job(file))
+    job = require_single_operation(load_job(file))
     assert job.tool is not None and job.tool.position_mm[2] == 215.0
     assert 1e3 * job.T_base_part[:3, 3] == pytest.approx([900.0, -20.0, 700.0])
     file.write_text(tomli_w.dumps({**data, "cam": {"cycles": "expand", "operation": 3}}))
     with pytest.raises(InputError, match=r"cam.operation: is 3, the CAM file has 2 \(tools T1, T2\)"):
-        settle_job(load_job(file))
+        require_single_operation(load_job(file))
     with pytest.raises(InputError, match="describes tools by number"):
         cp.plan_job(cp.check_job(data, file))
     with pytest.raises(InputError, match="this takes one"):

@@ -81,7 +81,7 @@ def test_a_force_that_the_prediction_does_not_have_is_not_determined() -> None:
     fit = fit_forces(read_force_log(folder / "force_log.csv"), law, nominal, folder / "force_log.csv")
     assert fit.notes[0].startswith("The factor along the travel is not determined")
     assert [number.name for number in fit.numbers[:2]] == ["factor to the left", "factor along the tool axis"]
-    assert not fit.doubt
+    assert not fit.level_warning
 
 
 def test_a_log_of_another_cut_is_doubted_and_no_further_log_is_asked_for(tmp_path, monkeypatch, capsys) -> None:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 import numpy as np
 
-from compplan.api.measured import choose_frames, read_measured, settle_questions
+from compplan.api.measured import choose_frames, read_measured, resolve_questions
 from compplan.cli.commands.plan import explain_failures
 from compplan.cli.options import (
     INPUT,
@@ -77,7 +77,7 @@ def run_identify(
         measurements, robot_name, tool=tool, target_offset_mm=target_offset_mm, instrument=instrument
     )
     options = replace(options, register=choose_frames(options.register, campaign))
-    settle_questions(robot, campaign, options.register, assume_ok)
+    resolve_questions(robot, campaign, options.register, assume_ok)
     with show_progress() as progress:
         found = identify_campaign(robot, campaign, options, progress=progress)
     summary = write_identification(found, folder, list(campaign.notes))

@@ -129,7 +129,7 @@ def run_post(
 
     stated = keep_stated(**of_cam)
     of_file = {**({} if cam is None else read_named_table(cam, "cam")[0]), **stated} if stated else cam
-    stands_in = folder.absolute() / f"{camfile.stem}.toml"
+    job_file = folder.absolute() / f"{camfile.stem}.toml"
     place = None if part is None else _read_part(part)
     note = "No --process is given: no force is predicted, the arm bends under weights alone." if process is None else ""
     written = None if output is None else read_table("output", output)
@@ -138,16 +138,16 @@ def run_post(
     try:
         job = make_post_job(
             camfile, robot=robot_name, part=place, program=programs, profile=profile, tool=tool, tools=tools,
-            process=process, cam=of_file, plan=plan, output=written, stands_in=stands_in,
+            process=process, cam=of_file, plan=plan, output=written, job_file=job_file,
         )  # fmt: skip
         return carry_out(job, folder, note)
     except InputError as error:
-        raise _name_option(error, stands_in) from None
+        raise _name_option(error, job_file) from None
 
 
-def _name_option(error: InputError, stands_in: Path) -> InputError:
+def _name_option(error: InputError, job_file: Path) -> InputError:
     """Return an error about the assumed job as one about the option of the value."""
-    if error.file != str(stands_in):
+    if error.file != str(job_file):
         return error
     table, _, key = str(error.where or "").partition(".")
     if table.startswith("tool["):
@@ -172,7 +172,7 @@ def _read_part(text: str) -> Any:
 
 @make_job_command(out_folder)
 def run_place(job: Job, folder: Path) -> CommandResult:
-    """Search where the part of JOB should stand: write place.json and report.html.
+    """Search the best place for the part of JOB: write place.json and report.html.
 
     Example: compplan place paths/circle_500mm.toml --out out
     """
@@ -221,7 +221,7 @@ def run_forces(job: Job, folder: Path, log: Path | None, table: Path | None) -> 
     Example: compplan forces examples/forces/pocket.toml --out out
     """
     from compplan.job.loading import predict_forces
-    from compplan.process.learned_force import FILE as LESSON
+    from compplan.process.learned_force import FILE as PROCESS_FILE
     from compplan.reporting.forces import open_forces, write_coefficients, write_forces, write_level
 
     if table is not None and log is None:
@@ -230,7 +230,7 @@ def run_forces(job: Job, folder: Path, log: Path | None, table: Path | None) -> 
         announce("forces: engagement and wrench along the path")
         found = predict_forces(job, log)
         if table is not None:
-            (write_level if table.name == LESSON else write_coefficients)(found, table)
+            (write_level if table.name == PROCESS_FILE else write_coefficients)(found, table)
         announce("write: forces.json, forces.csv, report.html")
         summary = write_forces(found, folder)
     notes = list(summary["notes"])
@@ -243,6 +243,6 @@ def run_forces(job: Job, folder: Path, log: Path | None, table: Path | None) -> 
         ]
     if table is not None:
         hint = "in a job: its [process.coefficients] in place of material"
-        notes.append(f"wrote {table}; {'plans with this robot folder read it' if table.name == LESSON else hint}")
+        notes.append(f"wrote {table}; {'plans with this robot folder read it' if table.name == PROCESS_FILE else hint}")
     files = ["forces.json", "forces.csv", "report.html"]
     return CommandResult(summary, open_forces(found, summary).format(folder, files, notes))

@@ -256,8 +256,8 @@ def _init_robot(urdf: Path, options: Mapping[str, Any], out: Path | None) -> lis
 
 def _native_language(robot: Robot) -> str:
     """Return the native language of the robot's controller, a table if none is known."""
-    spoken = list_languages(load_controller(robot).name)
-    return spoken[0] if len(spoken) < len(WRITERS) else "csv"
+    languages = list_languages(load_controller(robot).name)
+    return languages[0] if len(languages) < len(WRITERS) else "csv"
 
 
 def _write_new(file: Path, text: str) -> Path:

@@ -75,7 +75,7 @@ def find_start(path: Path, tip: Array, way: Array) -> float:
     rows = np.unique(np.searchsorted(way, np.linspace(way[0], way[head][-1], HELD)).clip(0, len(way) - 1))
     count = max(PLACES, int(np.ceil(path.s[-1] / SPACING)))
     starts = np.linspace(path.s[0], path.s[-1], count)
-    cost = _hold_rows(path, tip, way, rows, starts)
+    cost = _score_starts(path, tip, way, rows, starts)
     tried: list[float] = []
     for k in np.argsort(cost, kind="stable"):
         if cost[k] > cost.min() + WORSE or len(tried) == MOST_TRIED:
@@ -99,7 +99,7 @@ def _nearest_around(path: Path, tip: Array, start: float) -> float:
     return float(path.s[low + (away + (PULL * (path.s[low : high + 1] - start)) ** 2).argmin()])
 
 
-def _hold_rows(path: Path, tip: Array, way: Array, rows: NDArray[np.int_], starts: Array) -> Array:
+def _score_starts(path: Path, tip: Array, way: Array, rows: NDArray[np.int_], starts: Array) -> Array:
     """Return the mean distance of rows from a path that begins at each start. Shape (k,). [m]"""
     cost = np.zeros(len(starts))
     for row in rows:  # about 160, for any length of the log

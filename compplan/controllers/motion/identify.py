@@ -56,7 +56,7 @@ def identify_motion(windows: Sequence[Window], folder: ServoMotion, arm: Arm) ->
     by_log = len(logs) > 1
     count = min(GROUPS, len(logs) if by_log else len(windows))
     groups = [logs.index(w.log) % count if by_log else k * count // len(windows) for k, w in enumerate(windows)]
-    without = np.concatenate([window.beside for window in windows])
+    without = np.concatenate([window.departure for window in windows])
     before = np.concatenate([measure_left(window, folder, arm) for window in windows])
     if count < 2:
         return Identified(folder, False, without, before, without, "")
@@ -120,7 +120,7 @@ def fit_motion(windows: Sequence[Window], motion: ServoMotion, free: int, arm: A
     def left(change: Array) -> Array:
         trial = _apply(motion, directions @ change)
         gaps = [_stack_gap(window, run_window(window, trial, arm)) / NOISE for window in windows]
-        return np.concatenate([*gaps, _measure_oddness(trial) / spread])
+        return np.concatenate([*gaps, _prior_residuals(trial) / spread])
 
     step = np.where(directions[1] > 0.0, CYCLE / SPEED_SPREAD[1], STEP)  # the smoothing is a multiple of the cycle
     found = least_squares(left, np.zeros(len(step)), loss="cauchy", f_scale=OUTLIER, diff_step=step,
@@ -150,7 +150,7 @@ def _stack_gap(window: Window, run: WindowRun) -> Array:
     return np.concatenate([across.ravel(), SPEED_WEIGHT * speed])
 
 
-def _measure_oddness(motion: ServoMotion) -> Array:
+def _prior_residuals(motion: ServoMotion) -> Array:
     """Return the differences of the parameters from their prior means; of a lag, from the mean of all joints."""
     speed = np.log(USUAL[0] / motion.acceleration), USUAL[1] - motion.smoothing
     return np.r_[speed, motion.lag.mean() - motion.lag, -motion.acceleration_lag, -motion.lost_motion]

@@ -47,7 +47,7 @@ class Window:
     q: Array  #: Joints of the rows. Shape (n, nq). [rad or m]
     rate: Array  #: Joint rates of the rows. Shape (n, nq). [rad/s or m/s]
     tip: Array  #: Nominal tips of the rows. Shape (n, 3). [m]
-    torn_by: Array  #: Tip displacement due to torn readings. Shape (n, 3). [m]
+    torn_shift: Array  #: Tip displacement due to torn readings. Shape (n, 3). [m]
     point: Array  #: Nearest points of the programmed path. Shape (n, 3). [m]
     leverage: Array  #: Root-mean-square tip displacement per joint motion. Shape (nq,). [m/rad]
     programmed: Path  #: The path without blends.
@@ -57,9 +57,9 @@ class Window:
     latest: dict[str, Any] = field(default_factory=dict)
 
     @property
-    def beside(self) -> Array:
+    def departure(self) -> Array:
         """Distance of every row across the programmed path. Shape (n,). [m]"""
-        return np.asarray(np.linalg.norm(self.tip + self.torn_by - self.point, axis=1))
+        return np.asarray(np.linalg.norm(self.tip + self.torn_shift - self.point, axis=1))
 
     def lay_path(self, arm: Arm, blend_share: float) -> tuple[Path, Array]:
         """Return the executed path at a blend share, and the length along it of the point nearest to every row. [m]"""
@@ -97,8 +97,8 @@ def load_trace(file: File, program: File, robot: Robot, arm: Arm) -> PlacedLog:
     places = place_rows(programmed, tip, measure_way(log.time[rows], tip))
     usual = float(np.median(places.distance))
     if usual > OTHER_PROGRAM:
-        told = f"its rows are {1e3 * usual:.0f} mm beside {program} (median), expected a log of this program"
-        raise InputError(f"{told}; check the units in the names of its columns", file=file)
+        message = f"its rows are {1e3 * usual:.0f} mm beside {program} (median), expected a log of this program"
+        raise InputError(f"{message}; check the units in the names of its columns", file=file)
     return PlacedLog(log, nodes, rows, places, programmed)
 
 
@@ -143,11 +143,11 @@ def _cut_window(trace: PlacedLog, number: int, span: tuple[int, int], arm: Arm) 
     chosen = rows[keep]
     q, raw = log.q[chosen], log.raw[chosen]
     tip = locate_frames(arm.chain, q).tcp_position
-    torn_by = locate_frames(arm.chain, raw).tcp_position - tip
+    torn_shift = locate_frames(arm.chain, raw).tcp_position - tip
     levers = np.stack([_tip_rate(arm, q, np.tile(row, (len(q), 1))) for row in np.eye(q.shape[1])])
     leverage = np.sqrt((levers**2).sum(axis=2).mean(axis=1)) + 0.02
     nodes = _slice_nodes(trace.nodes, first, last + 1)
-    return Window(number, nodes, s[keep] - ends[first], q, log.rate[chosen], tip, torn_by,
+    return Window(number, nodes, s[keep] - ends[first], q, log.rate[chosen], tip, torn_shift,
                   trace.places.point[part][keep], leverage, build_path(nodes, arm, 0.0))  # fmt: skip
 
 
@@ -160,9 +160,9 @@ def _tip_rate(arm: Arm, q: Array, rate: Array) -> Array:
 
 def _slice_nodes(nodes: Nodes, first: int, end: int) -> Nodes:
     """Return some of the moves; the first one is the start of the section."""
-    part, told = slice(first, end), nodes.instructions
-    cut = replace(told, lines=told.lines[part], straight=told.straight[part], position=told.position[part],
-                  axis=told.axis[part], q=told.q[part], feed=told.feed[part], zone=told.zone[part])  # fmt: skip
+    part, moves = slice(first, end), nodes.instructions
+    cut = replace(moves, lines=moves.lines[part], straight=moves.straight[part], position=moves.position[part],
+                  axis=moves.axis[part], q=moves.q[part], feed=moves.feed[part], zone=moves.zone[part])  # fmt: skip
     length = nodes.length[part].copy()
     length[0] = 0.0
     return Nodes(cut, nodes.q[part], nodes.position[part], nodes.rotation[part], length)
@@ -237,13 +237,13 @@ def locate_beside(window: Window, run: WindowRun, q: Array, arm: Arm) -> Array:
     """Return the point of a run's tip path that is nearest to every row. Shape (n, 3). [m]"""
     tip = locate_frames(arm.chain, q).tcp_position
     index = np.round(run.at).astype(int)
-    return find_nearest(tip, index, window.tip + window.torn_by, round(NEAR / CYCLE))[0]
+    return find_nearest(tip, index, window.tip + window.torn_shift, round(NEAR / CYCLE))[0]
 
 
 def measure_left(window: Window, motion: ServoMotion, arm: Arm) -> Array:
     """Return the distance of every row, torn or not, across the executed path of a model. Shape (n,). [m]"""
     run = run_window(window, motion, arm)
-    return np.asarray(np.linalg.norm(window.tip + window.torn_by - locate_beside(window, run, run.q, arm), axis=1))
+    return np.asarray(np.linalg.norm(window.tip + window.torn_shift - locate_beside(window, run, run.q, arm), axis=1))
 
 
 def divide_gap(window: Window, motion: ServoMotion, arm: Arm) -> dict[str, Array]:
@@ -259,13 +259,13 @@ def divide_gap(window: Window, motion: ServoMotion, arm: Arm) -> dict[str, Array
     lagged = lag_command(run.command, motion.lag, motion.acceleration_lag, CYCLE)
     shift = float(motion.lag.mean()) / CYCLE
     early = replace(run, at=np.maximum(run.at - shift, 0.0))
-    seen = replace(window, torn_by=np.zeros_like(window.torn_by))
-    blended = locate_beside(seen, early, run.command, arm)
-    lagging, reached = locate_beside(seen, run, lagged, arm), locate_beside(seen, run, run.q, arm)
+    untorn = replace(window, torn_shift=np.zeros_like(window.torn_shift))
+    blended = locate_beside(untorn, early, run.command, arm)
+    lagging, reached = locate_beside(untorn, run, lagged, arm), locate_beside(untorn, run, run.q, arm)
     return {
-        "gap": window.tip + window.torn_by - window.point,
+        "gap": window.tip + window.torn_shift - window.point,
         "lag": lagging - blended,
         "blend": blended - window.point,
-        "jitter": window.torn_by,
+        "jitter": window.torn_shift,
         "lost_motion": reached - lagging,
     }

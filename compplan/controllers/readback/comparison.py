@@ -23,8 +23,8 @@ from compplan.controllers.readback.reported import ReportedProgram, read_words
 from compplan.controllers.readback.scripts import read_inform, read_kawasaki, read_sinumerik, read_urscript
 from compplan.controllers.shapes import LEAST_FEED
 from compplan.controllers.writers.joint_convention import (
-    Counting,
-    believed_robot,
+    JointConvention,
+    controller_robot,
     from_controller,
     load_controller,
     load_motion,
@@ -61,10 +61,10 @@ class Commanded:
     q: Array  #: Commanded joint positions. [rad or m]
     time: Array  #: [s]
     feed: Array  #: Planned feed in the move to each row, 0 in rapid moves. [mm/s]
-    stands: NDArray[np.bool_]  #: Whether the tool has to stop, in addition to the ends of rapid moves.
+    exact_stops: NDArray[np.bool_]  #: Whether the tool has to stop, in addition to the ends of rapid moves.
     free: NDArray[np.bool_]  #: Whether the move to each row has no prescribed speed.
-    asked: Array  #: Feed of the CAM file in the move to each row. [mm/s]
-    beside: Array  #: Allowed departure of zones from a corner. [m]
+    cam_feed: Array  #: Feed of the CAM file in the move to each row. [mm/s]
+    departure: Array  #: Allowed departure of zones from a corner. [m]
     #: Vector to the corner that replaces a row in tool moves; nan at omitted rows of a rounded corner, 0 at other rows.
     #: Shape (m, 3). [m]
     corner: Array
@@ -90,9 +90,9 @@ class StiffArm:
 
 
 def compare_written(
-    folder: Path, languages: Sequence[str], robot: Path, arm: StiffArm, wanted: Commanded,
+    folder: Path, languages: Sequence[str], robot: Path, arm: StiffArm, planned: Commanded,
     find_ends: Callable[[str], tuple[NDArray[np.int_], NDArray[np.bool_]]], *, main: str | None = None,
-    excused: bool = False,
+    may_be_unreadable: bool = False,
 ) -> tuple[list[str], list[str]]:  # fmt: skip
     """Read back the written programs; return their differences from the plan, and notes on unchecked ones.
 
@@ -101,16 +101,16 @@ def compare_written(
         languages: Their languages.
         robot: The robot folder.
         arm: The arm by the evaluation's robot model.
-        wanted: Planned motion.
+        planned: Planned motion.
         find_ends: Returns the rows at the ends of a language's tool moves (omitted rows are checked against them), and
             whether an exact stop is accepted there: at corners of a language without smaller zones.
         main: The job's name of the main program.
-        excused: Whether an unreadable program is not an error, because it uses signals of the cell.
+        may_be_unreadable: Whether an unreadable program is not an error, because it uses signals of the cell.
     """
     breaches, notes = list[str](), list[str]()
     if not languages:
         return breaches, notes
-    rows = _place_rows(load_robot(robot), arm, wanted)
+    rows = _place_rows(load_robot(robot), arm, planned)
     reported = _report_rows(rows)
     squared, kept = rows.square_corners()
     declared = np.linalg.inv(rows.world) @ rows.part
@@ -120,32 +120,32 @@ def compare_written(
             continue
         for file, found in _read_back(folder, language, rows, main):
             if isinstance(found, InputError):
-                fault = f"{file.name}: {found.message}"[:200]
-                (notes if excused else breaches).append(f"not checked: {fault}" if excused else fault)
+                messages, prefix = (notes, "not checked: ") if may_be_unreadable else (breaches, "")
+                messages.append(prefix + f"{file.name}: {found.message}"[:200])
                 continue
             moves = rows.place_joints([move if move.base is not None else move._replace(base=declared)
                                        for move in found if move.kind != "act"])  # fmt: skip
-            linear = wanted.fit > 0.0 and any(move.kind != "joint" and move.pose is not None for move in moves)
+            linear = planned.fit > 0.0 and any(move.kind != "joint" and move.pose is not None for move in moves)
             every = np.arange(len(rows.shown))
             own_rows, (ends, may_stop) = (squared, find_ends(language)) if linear else (rows, (every, every < 0))
             numbers = kept if linear else every
             held = np.searchsorted(numbers, ends)
             if rows.arm.carries_part and not all(move.carried or move.kind == "joint" for move in moves):
-                said = ["lines are not driven seen from the part that moves"]
+                messages = ["lines are not driven seen from the part that moves"]
             elif len(moves) != len(ends) or not np.isin(ends, numbers).all():
-                said = [f"{len(moves)} moves, planned are {len(ends)}"]
+                messages = [f"{len(moves)} moves, planned are {len(ends)}"]
             elif len(missed := np.setdiff1d(np.flatnonzero(own_rows.laid.kept), held)):
-                said = [f"no move ends at row {missed[0]}, {len(numbers)} are planned"]
+                messages = [f"no move ends at row {missed[0]}, {len(numbers)} are planned"]
             else:
-                excused_stops = may_stop & ~own_rows.wanted.stands[held]
+                excused_stops = may_stop & ~own_rows.planned.exact_stops[held]
                 moves = [move._replace(stops=False) if may else move
                          for move, may in zip(moves, excused_stops.tolist(), strict=True)]  # fmt: skip
-                said = own_rows.compare(moves, held) or reported.take(ends).compare(language, moves)
-                corner, beside = 1e3 * wanted.corner, 1e3 * wanted.beside
-                said += check_corners(rows.position, corner, beside)[:1] if linear else []
+                messages = own_rows.compare(moves, held) or reported.take(ends).compare(language, moves)
+                corner, departure = 1e3 * planned.corner, 1e3 * planned.departure
+                messages += check_corners(rows.position, corner, departure)[:1] if linear else []
             if language in ("fanuc_ls", "inform") and not rows.arm.carries_part:
-                said += compare_declared(file, declared, rows.tool)
-            breaches += [f"{file.name}, read back: {text}" for text in said]
+                messages += compare_declared(file, declared, rows.tool)
+            breaches += [f"{file.name}, read back: {text}" for text in messages]
     return breaches, notes
 
 
@@ -192,12 +192,12 @@ class _Rows:
     """The commanded arm at the rows of programs, by the controller's kinematic model; mm and deg."""
 
     robot: Robot
-    counting: Counting
+    counting: JointConvention
     shown: Array  #: Joints in the controller's convention. Shape (m, nq). [deg or mm]
     position: Array
     rotation: Array
     world: Array
-    wanted: Commanded
+    planned: Commanded
     part: Array
     tool: Array
     arm: StiffArm
@@ -209,11 +209,11 @@ class _Rows:
 
     def square_corners(self) -> tuple[_Rows, NDArray[np.int_]]:
         """Return the rows with corners in place of their roundings, and the indices of the remaining rows."""
-        kept = np.flatnonzero(np.isfinite(self.wanted.corner[:, 0]))
-        wanted = self.wanted.take(kept)
-        position = self.position[kept] + 1e3 * wanted.corner
+        kept = np.flatnonzero(np.isfinite(self.planned.corner[:, 0]))
+        planned = self.planned.take(kept)
+        position = self.position[kept] + 1e3 * planned.corner
         return replace(
-            self, shown=self.shown[kept], position=position, rotation=self.rotation[kept], wanted=wanted
+            self, shown=self.shown[kept], position=position, rotation=self.rotation[kept], planned=planned
         ), kept
 
     def list_joints(self, moves: Sequence[Move]) -> Array:
@@ -240,25 +240,25 @@ class _Rows:
     @cached_property
     def laid(self) -> PlannedRows:
         """The rows represented by tool moves."""
-        wanted = self.wanted
-        rapid = wanted.feed <= 0.0
-        kept = rapid | wanted.stands | np.append(rapid[1:], True)
+        planned = self.planned
+        rapid = planned.feed <= 0.0
+        kept = rapid | planned.exact_stops | np.append(rapid[1:], True)
         return PlannedRows(
-            self.position, self.rotation, wanted.time, kept, wanted.free, wanted.fit,
-            load_motion(self.robot)[0].cycle, wanted.asked, np.abs(wanted.corner).max(axis=1) > 0.0,
+            self.position, self.rotation, planned.time, kept, planned.free, planned.fit,
+            load_motion(self.robot)[0].cycle, planned.cam_feed, np.abs(planned.corner).max(axis=1) > 0.0,
         )  # fmt: skip
 
     def compare(self, moves: list[Move], held: NDArray[np.int_]) -> list[str]:
         """Return the differences from the plan, for moves that end at some of the rows."""
         lines = [move for move in moves if move.kind != "joint"]
-        said = [self._compare_joints(moves, held), self._compare_places(moves, held), self._compare_tool(moves[0])]
+        messages = [self._compare_joints(moves, held), self._compare_places(moves, held), self._compare_tool(moves[0])]
         every = self._compare_feeds(moves) if len(moves) == len(self.shown) else "rows are left out"
-        if every and self.wanted.fit > 0.0 and lines and all(move.pose is not None for move in lines):
+        if every and self.planned.fit > 0.0 and lines and all(move.pose is not None for move in lines):
             bases = [self.world @ np.asarray(move.base) for move in moves]
-            said += follow_moves(self.laid, held, moves, bases)
+            messages += follow_moves(self.laid, held, moves, bases)
         else:
-            said.append(every)
-        return [text for text in said if text]
+            messages.append(every)
+        return [text for text in messages if text]
 
     def _compare_joints(self, moves: list[Move], held: NDArray[np.int_]) -> str:
         rows = [k for k, move in enumerate(moves) if move.joints is not None]
@@ -297,43 +297,43 @@ class _Rows:
         turned = 0.0 if move.flange_turn else float(np.abs(move.tool[:3, :3] - self.tool[:3, :3]).max())
         if off <= PLACE and turned <= MATRIX:
             return ""
-        place, wanted = (", ".join(f"{value:.4g}" for value in tool[:3, 3]) for tool in (move.tool, self.tool))
-        return f"the tool is at ({place}) mm from the pendant's flange, the job's at ({wanted})"
+        place, planned = (", ".join(f"{value:.4g}" for value in tool[:3, 3]) for tool in (move.tool, self.tool))
+        return f"the tool is at ({place}) mm from the pendant's flange, the job's at ({planned})"
 
     def _compare_feeds(self, moves: list[Move]) -> str:
-        wanted = np.maximum(self.wanted.feed, 0.0)
+        planned = np.maximum(self.planned.feed, 0.0)
         stated = np.array([np.nan if move.feed is None else move.feed for move in moves])
-        off = np.minimum(np.abs(stated - wanted), np.abs(stated - np.maximum(wanted, LEAST_FEED))) - FEED_STEP
-        off[(wanted == 0.0) | np.isnan(stated)] = -1.0
+        off = np.minimum(np.abs(stated - planned), np.abs(stated - np.maximum(planned, LEAST_FEED))) - FEED_STEP
+        off[(planned == 0.0) | np.isnan(stated)] = -1.0
         if off.max(initial=-1.0) <= 0.0:
             return ""
         row = int(off.argmax())
-        return f"a feed of {stated[row]:.4g} mm/s at row {row}, planned are {wanted[row]:.4g}"
+        return f"a feed of {stated[row]:.4g} mm/s at row {row}, planned are {planned[row]:.4g}"
 
 
-def _place_rows(robot: Robot, arm: StiffArm, wanted: Commanded) -> _Rows:
+def _place_rows(robot: Robot, arm: StiffArm, planned: Commanded) -> _Rows:
     """Return the commanded arm at the rows of programs, see `compare_written`."""
     counting, part = load_controller(robot), arm.part
-    position, rotation = arm.locate(wanted.q)
-    flange, turn = arm.locate_flange(wanted.q[:1])
+    position, rotation = arm.locate(planned.q)
+    flange, turn = arm.locate_flange(planned.q[:1])
     tool = build_pose(1e3 * turn[0].T @ (position[0] - flange[0]), turn[0].T @ rotation[0])
     world = np.eye(4) if arm.carries_part else build_pose(1e3 * counting.world[:3, 3], counting.world[:3, :3])
     return _Rows(
-        robot, counting, to_controller(counting, wanted.q), position * 1e3, rotation, world, wanted,
+        robot, counting, to_controller(counting, planned.q), position * 1e3, rotation, world, planned,
         build_pose(1e3 * part[:3, 3], part[:3, :3]), tool, arm,
     )  # fmt: skip
 
 
 def _report_rows(rows: _Rows) -> ReportedProgram:
     """Return the expected contents of programs in addition to the path."""
-    wanted, rates = rows.wanted, np.where(rows.robot.prismatic, 1e3, 180.0 / np.pi) * rows.robot.velocity_limits
-    step = np.diff(wanted.time, prepend=np.nan)
+    planned, rates = rows.planned, np.where(rows.robot.prismatic, 1e3, 180.0 / np.pi) * rows.robot.velocity_limits
+    step = np.diff(planned.time, prepend=np.nan)
     with np.errstate(divide="ignore", invalid="ignore"):
         share = (np.abs(np.diff(rows.shown, axis=0, prepend=np.nan)) / rates).max(axis=1) / step
     centre = rows.tool[:3, :3] @ (1e3 * rows.arm.centre) + rows.tool[:3, 3]
     return ReportedProgram(
-        rows.shown[:, ~rows.outer], read_words(rows.counting, believed_robot(rows.robot), wanted.q),
-        wanted.feed <= 0.0, wanted.stands, share, rows.arm.mass, centre,
+        rows.shown[:, ~rows.outer], read_words(rows.counting, controller_robot(rows.robot), planned.q),
+        planned.feed <= 0.0, planned.exact_stops, share, rows.arm.mass, centre,
     )  # fmt: skip
 
 
@@ -343,8 +343,8 @@ def compare_declared(path: Path, part: Pose, tool: Pose) -> list[str]:
     The part frame is in the robot's world frame, the tool in the pendant's flange frame. Shape (4, 4). [mm]
     """
     found = []
-    for name, said in read_declared(path).items():
-        off = said - (tool if name == "tool" else part)
+    for name, declared in read_declared(path).items():
+        off = declared - (tool if name == "tool" else part)
         if np.linalg.norm(off[:3, 3]) > PLACE or np.abs(off[:3, :3]).max() > MATRIX:
             found.append(f"the {name} that it expects of the cell is not the planned one")
     return found

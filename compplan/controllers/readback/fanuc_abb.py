@@ -16,7 +16,7 @@ from compplan.controllers.readback.poses import (
     abb_pose,
     fanuc_pose,
     list_lines,
-    read_beside,
+    read_action,
     read_numbers,
 )
 
@@ -37,7 +37,7 @@ class _Fanuc:
         points = {int(number): body for number, body in re.findall(r"P\[(\d+)\]\{(.*?)\};", text, re.S)}
         body = text[text.index("/MN") : text.index("/POS")]
         for line in re.findall(r"^ *\d+: *([^;]*?) *;", body, re.M):
-            if act := read_beside(line, "fanuc_ls"):
+            if act := read_action(line, "fanuc_ls"):
                 self.moves.append(act)
             elif match := re.fullmatch(rf"([JL]) P\[(\d+)\] ({NUMBER})(%|mm/sec|cm/min) (FINE|CNT\d+)( COORD)?", line):
                 self.move(match[1], points[int(match[2])], *(float(match[3]), match[4], match[5]), carried=match[6])
@@ -120,7 +120,7 @@ class _Rapid:
 
     def run(self, procedure: str) -> None:
         for line in list_lines(self.procedures[procedure], "!"):
-            if act := read_beside(line, "rapid"):
+            if act := read_action(line, "rapid"):
                 self.moves.append(act)
             elif match := _RAPID_MOVE.fullmatch(line):
                 self.move(match[1], match[2], read_numbers(match[3])[0], *match.groups()[3:])

@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 from compplan.controllers.readback.poses import Move
 from compplan.controllers.shapes import HELD, LEAST_FEED, RATIO, SHORT, find_arc, follow_arc, follow_line, send_speeds
 from compplan.robot import Array
-from compplan.toolpath.corners import STRAYS, measure_beside
+from compplan.toolpath.corners import MAX_LEG_DISTANCE, measure_leg_distance
 
 #: Rounding of written positions. [mm]
 ROUNDING = 5e-4
@@ -38,7 +38,7 @@ class PlannedRows:
     tolerance: float  #: Greatest distance of rows from the move that represents them. [mm]
     cycle: float  #: Least time of a move. [s]
     #: Feed of the CAM file; without it the speed is not levelled along short legs. Shape (m,). [mm/s]
-    asked: Array | None = None
+    cam_feed: Array | None = None
     corners: NDArray[np.bool_] | None = None  #: Rows that are corners with a blend zone. Shape (m,).
 
 
@@ -48,13 +48,13 @@ def follow_moves(rows: PlannedRows, ends: NDArray[np.int_], moves: Sequence[Move
     `ends` is the row at the end of each move, `bases` the frame of its positions, in the base frame. [mm]
     """
     step = np.linalg.norm(np.diff(rows.position, axis=0, prepend=rows.position[:1]), axis=1)
-    lasts, stops = np.diff(rows.time, prepend=rows.time[0] - 1.0), np.zeros(len(step), bool)
+    duration, stops = np.diff(rows.time, prepend=rows.time[0] - 1.0), np.zeros(len(step), bool)
     stops[ends[[move.stops for move in moves]]] = True
-    corners = np.zeros(len(step), bool) if rows.corners is None else rows.corners
-    lasts[step > 0.0] = (step / np.maximum(send_speeds(step, lasts, stops, corners, rows.asked), 1e-9))[step > 0.0]
+    moving, corners = step > 0.0, np.zeros(len(step), bool) if rows.corners is None else rows.corners
+    duration[moving] = (step / np.maximum(send_speeds(step, duration, stops, corners, rows.cam_feed), 1e-9))[moving]
     for a, b, move, base in zip(ends[:-1].tolist(), ends[1:].tolist(), moves[1:], bases[1:], strict=True):
         if move.kind != "joint":
-            wrong = _follow(rows, a, b, move, base) or _time(rows, a, b, move, base, step, lasts)
+            wrong = _follow(rows, a, b, move, base) or _time(rows, a, b, move, base, step, duration)
         else:
             wrong = "a joint move leads past rows" if b > a + 1 else ""
         if wrong:
@@ -62,23 +62,23 @@ def follow_moves(rows: PlannedRows, ends: NDArray[np.int_], moves: Sequence[Move
     return []
 
 
-def check_corners(position: Array, corner: Array, beside: Array) -> list[str]:
+def check_corners(position: Array, corner: Array, departure: Array) -> list[str]:
     """Return corners whose rounding lies farther from their legs than zones may depart from the path.
 
-    `corner` is the vector from a row to the corner that represents it, nan at its omitted neighbours; `beside` is the
-    allowed departure of zones. Shapes (m, 3), (m, 3), (m,). [mm]
+    `corner` is the vector from a row to the corner that represents it, nan at its omitted neighbours; `departure` is
+    the allowed departure of zones. Shapes (m, 3), (m, 3), (m,). [mm]
     """
-    said, left_out = [], np.isnan(corner[:, 0])
+    messages, left_out = [], np.isnan(corner[:, 0])
     for row in np.flatnonzero(np.nan_to_num(np.abs(corner).max(axis=1)) > 0.0).tolist():
         first, last = row - 1, row + 1
         while left_out[first]:
             first -= 1
         while left_out[last]:
             last += 1
-        off = measure_beside(position[first : last + 1], position[row] + corner[row])
-        if off > STRAYS * max(float(np.linalg.norm(corner[row])), float(beside[row])) + ROUNDING:
-            said.append(f"the planned tip is {1e3 * off:.3g} um off the corner at row {row}")
-    return said
+        off = measure_leg_distance(position[first : last + 1], position[row] + corner[row])
+        if off > MAX_LEG_DISTANCE * max(float(np.linalg.norm(corner[row])), float(departure[row])) + ROUNDING:
+            messages.append(f"the planned tip is {1e3 * off:.3g} um off the corner at row {row}")
+    return messages
 
 
 def _follow(rows: PlannedRows, a: int, b: int, move: Move, base: Array) -> str:
@@ -103,18 +103,18 @@ def _follow(rows: PlannedRows, a: int, b: int, move: Move, base: Array) -> str:
     return f"the tool is turned by {most:.3g} deg off an even turn" if most > TURN else ""
 
 
-def _time(rows: PlannedRows, a: int, b: int, move: Move, base: Array, step: Array, lasts: Array) -> str:
+def _time(rows: PlannedRows, a: int, b: int, move: Move, base: Array, step: Array, duration: Array) -> str:
     """Return a message if the feed of a move does not match the planned time (at least a cycle) or speeds."""
     leg, start, end = slice(a + 1, b + 1), rows.position[a], rows.position[b]
     arc = None if move.via is None else find_arc(start, (base @ move.via)[:3, 3], end)
     length = float(np.linalg.norm(end - start)) if arc is None else arc.length
     if move.feed is None or rows.free[b] or length < 1e-6:
         return ""
-    time, speed = float(lasts[leg].sum()), step[leg] / np.maximum(lasts[leg], 1e-9)
-    wanted = max(length / max(time, rows.cycle), LEAST_FEED)
-    if abs(move.feed - wanted) > FEED * wanted + FEED_STEP:
-        return f"a feed of {move.feed:.4g} mm/s, the plan takes {wanted:.4g}"
-    off = np.abs(speed - wanted)
-    if time > SHORT * rows.cycle and off.max() > UNEVEN * wanted + FEED_STEP and speed.max() > LEAST_FEED:
+    time, speed = float(duration[leg].sum()), step[leg] / np.maximum(duration[leg], 1e-9)
+    planned = max(length / max(time, rows.cycle), LEAST_FEED)
+    if abs(move.feed - planned) > FEED * planned + FEED_STEP:
+        return f"a feed of {move.feed:.4g} mm/s, the plan takes {planned:.4g}"
+    off = np.abs(speed - planned)
+    if time > SHORT * rows.cycle and off.max() > UNEVEN * planned + FEED_STEP and speed.max() > LEAST_FEED:
         return f"a feed of {move.feed:.4g} mm/s, the plan has {speed[off.argmax()]:.4g}"
     return ""

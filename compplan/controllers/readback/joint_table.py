@@ -19,7 +19,7 @@ TABLE = 1e-6
 
 
 def check_joint_table(
-    file: Path, robot: Robot, time: Array, q: Array, wanted: Array, kept: NDArray[np.bool_]
+    file: Path, robot: Robot, time: Array, q: Array, planned: Array, kept: NDArray[np.bool_]
 ) -> Iterator[str]:
     """Yield differences of joints.csv from the plan, and omitted rows at least a cycle away from its rows.
 
@@ -28,15 +28,15 @@ def check_joint_table(
         robot: The robot.
         time: Time of each planned row. Shape (n,). [s]
         q: Commanded joint positions. Shape (n, nq). [rad or m]
-        wanted: The columns of `WANTED`. Shape (n, 12).
+        planned: The columns of `WANTED`. Shape (n, 12).
         kept: Rows in the table. Shape (n,).
     """
     after = np.clip(np.searchsorted(time[kept], time), 1, int(kept.sum()) - 1)
     near = np.abs(time - time[kept][np.stack([after - 1, after])]).min(axis=0)
     if near.max() >= load_motion(robot)[0].cycle:
         yield f"joints.csv leaves out row {near.argmax()}, {1e3 * near.max():.3g} ms from the rows around it"
-    time, q, wanted = time[kept], q[kept], wanted[kept]
-    stated = {"time_s": time, **robot.joint_columns(q), **dict(zip(WANTED, wanted.T, strict=True))}
+    time, q, planned = time[kept], q[kept], planned[kept]
+    stated = {"time_s": time, **robot.joint_columns(q), **dict(zip(WANTED, planned.T, strict=True))}
     with guard_parser(file, "is not a table"), file.open(encoding="utf-8") as stream:
         head = stream.readline().strip().split(",")
         at = [head.index(name) for name in stated if name in head]

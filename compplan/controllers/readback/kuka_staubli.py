@@ -19,7 +19,7 @@ from compplan.controllers.readback.poses import (
     Move,
     kuka_pose,
     list_lines,
-    read_beside,
+    read_action,
     read_numbers,
     staubli_pose,
 )
@@ -67,7 +67,7 @@ class _Krl:
         if moved := _KRL_MOVE.fullmatch(line):
             assert (moved[1] == "CIRC") == (moved[2] is not None)
             self.move(moved[1], self.evaluate(moved[3]), moved[4], self.evaluate(moved[2]) if moved[2] else None)
-        elif act := read_beside(line, "krl"):
+        elif act := read_action(line, "krl"):
             self.moves.append(act)
         elif match := re.fullmatch(r"BAS\(#VEL_PTP,(\d+)\)", line):
             self.values |= {f"$VEL_AXIS[{axis}]": float(match[1]) for axis in range(1, 7)}
@@ -160,7 +160,7 @@ class _Val3:
             self.data[feed[1]][0]["tmax"] = feed[2]
         elif zone := re.fullmatch(rf"(\w+)\.(leave|reach)=({NUMBER})", line):
             self.data[zone[1]][0][zone[2]] = zone[3]
-        elif act := read_beside(line, "val3"):
+        elif act := read_action(line, "val3"):
             assert self.waited, "what happens beside motion does not wait for the arm"
             self.moves.append(act)
         elif called := re.fullmatch(r"call (\w+)\(\)", line):

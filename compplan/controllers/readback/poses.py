@@ -97,7 +97,7 @@ def read_numbers(text: str) -> list[float]:
 
 
 #: Non-motion instructions of each language, with empty texts.
-BESIDE: dict[str, str] = {
+ACTIONS: dict[str, str] = {
     "krl": rf'MsgNotify\(""\)|HALT|\$OUT\[\d+\]=(TRUE|FALSE)|WAIT SEC {NUMBER}'
            r"|WAIT FOR \$IN\[\d+\]|\w+\(\d+\)",
     "rapid": rf'TPWrite "";|Stop;|SetDO \w+,[01];|WaitTime {NUMBER};|WaitDI \w+,1;|\w+ \d+;',
@@ -119,6 +119,6 @@ def list_lines(text: str, comment: str = ";") -> list[str]:
     return [line for line in lines if line]
 
 
-def read_beside(line: str, language: str) -> Move | None:
+def read_action(line: str, language: str) -> Move | None:
     """Return a non-motion instruction as a `Move` of kind "act"; None for other lines."""
-    return Move("act", True, action=line) if re.fullmatch(BESIDE[language], line) else None
+    return Move("act", True, action=line) if re.fullmatch(ACTIONS[language], line) else None

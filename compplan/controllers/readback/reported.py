@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.controllers.readback.poses import Move
-from compplan.controllers.writers.joint_convention import Counting, measure_words
+from compplan.controllers.writers.joint_convention import JointConvention, measure_words
 from compplan.robot import Array, Robot
 
 #: Distance to a change of turn below which either turn is accepted. [deg]
@@ -38,14 +38,14 @@ class PostureWord:
     """One configuration word at every row."""
 
     values: NDArray[np.str_]  #: Its value. Shape (n,).
-    sure: NDArray[np.bool_]  #: Whether the row is clear of the threshold. Shape (n,).
+    clear: NDArray[np.bool_]  #: Whether the row is clear of the threshold. Shape (n,).
     #: Contribution of each value to S of a KRL position, empty where not defined.
     status: Mapping[str, int] = field(default_factory=dict)
     #: Each value in the controller's language, empty where not defined.
     native: Mapping[str, str] = field(default_factory=dict)
 
 
-def read_words(counting: Counting, robot: Robot, q: Array) -> dict[str, PostureWord]:
+def read_words(counting: JointConvention, robot: Robot, q: Array) -> dict[str, PostureWord]:
     """Return the configuration words of postures. Shape (n, nq). [rad or m]"""
     return {
         key: PostureWord(np.where(above, word.above, word.below), clear > DOUBTFUL, word.status, word.native)
@@ -62,7 +62,7 @@ class ReportedProgram:
     words: Mapping[str, PostureWord]  #: Configuration words by name.
     rapid: NDArray[np.bool_]  #: Whether the move to each row is rapid. Shape (m,).
     #: Whether the tool has to stop at each row, in addition to the ends of rapid moves. Shape (m,).
-    stands: NDArray[np.bool_]
+    exact_stops: NDArray[np.bool_]
     share: Array  #: Share of the axis rates in the move to each row, nan where unknown. Shape (m,).
     mass: float | None = None  #: Mass of the tool, None where it is not stated. [kg]
     #: Centre of the tool's mass in the pendant's flange frame. Shape (3,). [mm]
@@ -70,44 +70,44 @@ class ReportedProgram:
 
     def take(self, rows: NDArray[np.int_]) -> ReportedProgram:
         """Return the expected contents at some of the rows."""
-        words = {key: replace(word, values=word.values[rows], sure=word.sure[rows]) for key, word in self.words.items()}
+        words = {key: replace(w, values=w.values[rows], clear=w.clear[rows]) for key, w in self.words.items()}
         return replace(
-            self, arm=self.arm[rows], words=words, rapid=self.rapid[rows], stands=self.stands[rows],
+            self, arm=self.arm[rows], words=words, rapid=self.rapid[rows], exact_stops=self.exact_stops[rows],
             share=self.share[rows],
         )  # fmt: skip
 
     def compare(self, language: str, moves: Sequence[Move]) -> list[str]:
         """Return the differences between the moves of a program, one for each row, and the expected contents."""
-        said = [
+        messages = [
             "" if language in NO_STOPS else self._compare_stops(moves), self._compare_words(language, moves),
             self._compare_shares(moves), self._compare_load(moves),
         ]  # fmt: skip
-        return [text for text in said if text]
+        return [text for text in messages if text]
 
     def _compare_stops(self, moves: Sequence[Move]) -> str:
         joint = np.array([move.kind == "joint" for move in moves])
         alone = self.rapid | joint if not joint.all() else self.rapid
-        wanted = alone | np.r_[alone[1:], True] | self.stands
+        planned = alone | np.r_[alone[1:], True] | self.exact_stops
         found = np.array([move.stops for move in moves])
-        wrong = np.flatnonzero(found != wanted)
+        wrong = np.flatnonzero(found != planned)
         if not len(wrong):
             return ""
         row = int(wrong[0])
         more = f", nor at {len(wrong) - 1} others" if len(wrong) > 1 else ""
-        return f"the program {'runs through' if wanted[row] else 'stops at'} row {row}, the plan does not{more}"
+        return f"the program {'runs through' if planned[row] else 'stops at'} row {row}, the plan does not{more}"
 
     def _compare_words(self, language: str, moves: Sequence[Move]) -> str:
         rows = np.array([k for k, move in enumerate(moves) if move.configuration], int)
         if not len(rows):
             return ""
         found = [moves[k].configuration for k in rows.tolist()]
-        for place, (name, wanted, sure) in enumerate(self._list_words(language)):
-            if not sure.any() or len(found[0]) <= place:
+        for place, (name, planned, clear) in enumerate(self._list_words(language)):
+            if not clear.any() or len(found[0]) <= place:
                 continue
             stated = [str(words[place]) for words in found]
             for k, word in zip(rows.tolist(), stated, strict=True):
-                if sure[k] and word != wanted[k]:
-                    return f"{name} is {word} at row {k}, the arm stands at {wanted[k]}"
+                if clear[k] and word != planned[k]:
+                    return f"{name} is {word} at row {k}, the arm stands at {planned[k]}"
         return ""
 
     def _list_words(self, language: str) -> list[tuple[str, list[str], NDArray[np.bool_]]]:
@@ -115,7 +115,7 @@ class ReportedProgram:
         arm, words = self.arm, self.words
         clear = np.ones(len(arm), bool)
         for word in words.values():
-            clear = clear & word.sure
+            clear = clear & word.clear
         if arm.shape[1] != 6:
             return []
         if language in ("krl", "sinumerik"):
@@ -126,20 +126,20 @@ class ReportedProgram:
             return [("S" if language == "krl" else "STAT", _texts(status), known),
                     ("T" if language == "krl" else "TU", _texts(bits), clear)]  # fmt: skip
         if language == "fanuc_ls":
-            letters = [(f"CONFIG {key}", *self._say(key)) for key in LETTERS]
+            letters = [(f"CONFIG {key}", *self._native_word(key)) for key in LETTERS]
             return letters + [(f"turns of J{k + 1}", *_count(arm[:, k] + 180.0, 360.0)) for k in (0, 3, 5)]
         if language == "rapid":
             turns = [(f"cf{k + 1}", *_count(arm[:, k], 90.0)) for k in (0, 3, 5)]
             adds = {key: {value: add} for key, (value, add) in CFX.items() if key in words}
             return [*turns, ("cfx", _texts(self._add_up(adds)), clear)]
         if language == "inform":
-            first = [(f"RCONF {key}", *self._tell(key, value)) for key, value in RCONF if key in words]
+            first = [(f"RCONF {key}", *self._flag(key, value)) for key, value in RCONF if key in words]
             if len(first) < len(RCONF):
                 return []
             return first + [(f"RCONF turn of axis {k + 1}", _texts(arm[:, k] >= 180.0), _clear(arm[:, k] - 180.0))
                             for k in (3, 5, 0)]  # fmt: skip
         if language == "val3":
-            return [(key, *self._say(key)) for key in ("shoulder", "elbow", "wrist")]
+            return [(key, *self._native_word(key)) for key in ("shoulder", "elbow", "wrist")]
         return []
 
     def _add_up(self, adds: Mapping[str, Mapping[str, int]]) -> NDArray[np.int_]:
@@ -148,27 +148,27 @@ class ReportedProgram:
             total += np.array([add.get(value, 0) for value in self.words[key].values.tolist()], int)
         return total
 
-    def _say(self, key: str) -> tuple[list[str], NDArray[np.bool_]]:
+    def _native_word(self, key: str) -> tuple[list[str], NDArray[np.bool_]]:
         """Return a word in the controller's language, and rows clear of the threshold: none where it is not defined."""
         if key not in self.words or not self.words[key].native:
             return [""] * len(self.arm), np.zeros(len(self.arm), bool)
         word = self.words[key]
-        return [word.native.get(value, "") for value in word.values.tolist()], word.sure
+        return [word.native.get(value, "") for value in word.values.tolist()], word.clear
 
-    def _tell(self, key: str, wanted: str) -> tuple[list[str], NDArray[np.bool_]]:
+    def _flag(self, key: str, active: str) -> tuple[list[str], NDArray[np.bool_]]:
         word = self.words[key]
-        return [str(int(value == wanted)) for value in word.values.tolist()], word.sure
+        return [str(int(value == active)) for value in word.values.tolist()], word.clear
 
     def _compare_shares(self, moves: Sequence[Move]) -> str:
         stated = np.array([np.nan if move.percent is None else move.percent for move in moves])
-        wanted = np.minimum(100.0 * self.share, 100.0)
-        off = np.minimum(np.abs(stated - wanted), np.abs(stated - np.maximum(wanted, 1.0)))
-        off -= RATE_SHARE * wanted + RATE_STEP
+        planned = np.minimum(100.0 * self.share, 100.0)
+        off = np.minimum(np.abs(stated - planned), np.abs(stated - np.maximum(planned, 1.0)))
+        off -= RATE_SHARE * planned + RATE_STEP
         off[self.rapid | ~np.isfinite(off)] = -1.0
         if off.max(initial=-1.0) <= 0.0:
             return ""
         row = int(off.argmax())
-        return f"{stated[row]:.3g} % of the axis rates at row {row}, the plan takes {wanted[row]:.3g} %"
+        return f"{stated[row]:.3g} % of the axis rates at row {row}, the plan takes {planned[row]:.3g} %"
 
     def _compare_load(self, moves: Sequence[Move]) -> str:
         load = moves[0].load

@@ -17,7 +17,7 @@ from compplan.controllers.readback.poses import (
     fanuc_pose,
     kawasaki_pose,
     list_lines,
-    read_beside,
+    read_action,
     read_numbers,
     shift,
     turn,
@@ -43,7 +43,7 @@ def _run_script(path: Path) -> list[Move]:
     load: tuple[float, ...] = ()
     moves = []
     for line in lines[1:-2]:
-        if act := read_beside(line, "urscript"):
+        if act := read_action(line, "urscript"):
             moves.append(act)
         elif match := re.fullmatch(r"set_tcp\(p\[(.*)\]\)", line):
             frames["tool"] = vector_pose(*read_numbers(match[1]))
@@ -88,22 +88,22 @@ class _Sinumerik:
     travel: str = "CP"
     feed: float = 0.0
     moves: list[Move] = field(default_factory=list)
-    asked: Pose | None = None
+    cell_frame: Pose | None = None
 
-    def ask(self, text: str) -> None:
+    def read_cell_comments(self, text: str) -> None:
         """Read from comments the tool lengths and the frame that users have to enter in the cell."""
         if match := re.search(r"^; lengths of D1 of tool \d+ have to be: (Z.*)$", text, re.M):
             self.lengths = {str(5 - "XYZ".index(name)): float(value) for name, value in _WORD.findall(match[1])}
         if match := re.search(r"^; \S+ has to be the part frame: (X.*)\n; turned by (.*)$", text, re.M):
-            self.asked = shift(*(float(value) for _, value in _WORD.findall(match[1])))
+            self.cell_frame = shift(*(float(value) for _, value in _WORD.findall(match[1])))
             for name, value in _WORD.findall(match[2]):
-                self.asked = self.asked @ turn(name.lower(), float(value))
+                self.cell_frame = self.cell_frame @ turn(name.lower(), float(value))
 
     def run(self, text: str) -> None:
-        self.ask(text)
+        self.read_cell_comments(text)
         for line in list_lines(text):
             line = re.sub(r"^N\d+ ", "", line)
-            if act := read_beside(line, "sinumerik"):
+            if act := read_action(line, "sinumerik"):
                 self.moves.append(act)
             elif match := re.fullmatch(rf"\$TC_DP([1345])\[\d+,1\]=({NUMBER})", line):
                 self.lengths[match[1]] = float(match[2])
@@ -126,11 +126,11 @@ class _Sinumerik:
                 assert part.splitlines()[-1] == "M17"
                 self.run(part.removesuffix("M17\n"))
             else:
-                said = {re.sub(r"^T\d+$", "T", word) for word in re.sub(rf"^G641 ADIS={NUMBER}$", "G642", line).split()}
-                if own := {word for word in said if re.fullmatch(r"G5(?:[4-7]|\d\d)", word)} - {"G500"}:
-                    self.frame = self.asked
-                assert said <= KNOWN | own | {"T"}, f"unknown line: {line}"
-                self.modal |= said
+                codes = {re.sub(r"^T\d+$", "T", w) for w in re.sub(rf"^G641 ADIS={NUMBER}$", "G642", line).split()}
+                if own := {word for word in codes if re.fullmatch(r"G5(?:[4-7]|\d\d)", word)} - {"G500"}:
+                    self.frame = self.cell_frame
+                assert codes <= KNOWN | own | {"T"}, f"unknown line: {line}"
+                self.modal |= codes
 
     def move(self, words: dict[str, str], code: str, stops: bool, via: Pose | None) -> None:
         assert (code == "CIP") == (via is not None)
@@ -183,7 +183,7 @@ def read_inform(path: Path, frames: dict[str, Pose] | None = None) -> list[Move]
     assert not stations or re.search(r"^///GROUP2 ST\d+$", head, re.M)
     moves: list[Move] = []
     for line in body.removesuffix("END\n").splitlines():
-        if act := read_beside(line, "inform"):
+        if act := read_action(line, "inform"):
             moves.append(act)
         elif match := re.fullmatch(r"(MFRAME UF#\(\d+\)|SETTOOL TL#\(\d+\)) P(\d{5})( BF)?", line):
             frames[match[1][0]] = variables[match[2]]
@@ -241,7 +241,7 @@ class _Kawasaki:
 
     def run(self, name: str) -> None:
         for line in self.programs[name]:
-            if act := read_beside(line, "kawasaki_as"):
+            if act := read_action(line, "kawasaki_as"):
                 self.moves.append(act)
             elif match := re.fullmatch(r"POINT part = TRANS\((.*)\)|TOOL TRANS\((.*)\)", line):
                 numbers = read_numbers(match[1] or match[2])

@@ -129,8 +129,8 @@ def list_languages(controller: str) -> list[str]:
     """List the languages of a controller, those of its brand first; all languages where the brand is not known."""
     brands = {name: _brand(name) for name in WRITERS}
     own = {brand for brand in brands.values() if brand and brand.lower() in controller.lower()}
-    spoken = [name for name, brand in brands.items() if not own or not brand or brand in own]
-    return sorted(spoken, key=lambda name: brands[name] not in own)
+    languages = [name for name, brand in brands.items() if not own or not brand or brand in own]
+    return sorted(languages, key=lambda name: brands[name] not in own)
 
 
 def check_languages(
@@ -152,14 +152,14 @@ def check_languages(
             if not any_brand:
                 check_brand(controller, language)
             if language != "own":  # its template decides what it supports
-                _rehearse(robot, language, form)
+                _check_writable(robot, language, form)
         except InputError as error:
             if error.file is not None:
                 raise
             raise InputError(error.message, file=file, where="output.programs") from None
 
 
-def _rehearse(robot: Robot, language: str, form: str) -> None:
+def _check_writable(robot: Robot, language: str, form: str) -> None:
     """Write two waypoints amid the joint limits into a temporary folder, to raise the errors of the language."""
     low, high = (np.where(np.isfinite(limit), limit, 0.0) for limit in (robot.lower, robot.upper))
     q = 0.5 * (low + high) + np.array([[0.0], [1e-3]])

@@ -89,7 +89,7 @@ def _format_part(part: ProgramPart) -> dict[str, str]:
         if move.via:
             vias.append(_format_position(program, move._replace(place=move.via), arcs[move.row], frame, words))
     events = {row: [f"  {line} ;" for line in own] for row, own in part.events.items()}
-    body = replace(part, events=events).weave(lines)
+    body = replace(part, events=events).merge_events(lines)
     main = len(part.parts) == 1
     return {f"{part.name}.LS": format_program(part.name, program, frame, body, [*positions, *vias], main)}
 
@@ -107,7 +107,7 @@ def _format_move(program: Program, move: WrittenMove, number: int, via: int | No
     if move.kind == "joint" and (linear or program.rapid[move.row]):
         return f"J P[{number}] {int(max(round(move.percent), 1))}% FINE ;"
     # share of CNT100 at a corner: ratio of the zone sizes (assumed)
-    share = 100.0 * min(move.zone, 1e9) / max(move.own_zone, 1e-9) if linear else 100.0
+    share = 100.0 * min(move.zone, 1e9) / max(move.default_zone, 1e-9) if linear else 100.0
     ending = "FINE" if move.stops else f"CNT{int(min(max(share, 1.0), 100.0))}"
     feed = f"{move.feed:.1f}mm/sec" if move.feed >= SLOW else f"{max(6.0 * move.feed, SLOWEST):.1f}cm/min"
     end = f"P[{number}] {feed} {ending}{' COORD' if program.moves_part else ''} ;"

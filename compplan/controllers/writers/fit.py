@@ -115,10 +115,10 @@ class _Track:
         self.cycle = program.cycle
         self.step = np.linalg.norm(np.diff(self.x, axis=0, prepend=self.x[:1]), axis=1)
         self.along = np.cumsum(self.step)
-        lasts = np.diff(program.time, prepend=program.time[0])
-        self.speed = shapes.send_speeds(self.step, lasts, stops, program.corners, program.asked)
+        duration = np.diff(program.time, prepend=program.time[0])
+        self.speed = shapes.send_speeds(self.step, duration, stops, program.corners, program.asked)
         moves = (self.step > 0.0) & ~program.alone(linear=True)
-        self.time = np.cumsum(np.where(moves, self.step / np.maximum(self.speed, 1e-9), lasts))
+        self.time = np.cumsum(np.where(moves, self.step / np.maximum(self.speed, 1e-9), duration))
         drawn = np.zeros(len(program), np.int_) if program.arc_of is None or not arcs else program.arc_of
         edges = np.flatnonzero(np.diff(drawn, append=-1))
         #: Row at which the CAM arc that starts at each row ends; the row itself where no arc starts.

@@ -56,7 +56,7 @@ def flange_turn(robot: Robot) -> Array:
     return np.eye(4) if found is None else found.pose
 
 
-def weigh_tool(robot: Robot) -> tuple[float | None, Array]:
+def compute_tool_mass(robot: Robot) -> tuple[float | None, Array]:
     """Return mass [kg] and centre [m] of the bodies on the flange, flange frame; None where no mass is stated."""
     links = [robot.base, *(joint.child for joint in robot.joints)]
     beyond = links[links.index(robot.flange) :]
@@ -64,7 +64,7 @@ def weigh_tool(robot: Robot) -> tuple[float | None, Array]:
     mass, moment = 0.0, np.zeros(3)
     for body in robot.bodies:
         if body.link in beyond:
-            seen = np.linalg.inv(poses[robot.flange][0]) @ poses[body.link][0]
+            pose_in_frame = np.linalg.inv(poses[robot.flange][0]) @ poses[body.link][0]
             mass += body.mass
-            moment += body.mass * (seen[:3, :3] @ body.centre + seen[:3, 3])
+            moment += body.mass * (pose_in_frame[:3, :3] @ body.centre + pose_in_frame[:3, 3])
     return (mass, moment / mass) if mass > 0.0 else (None, moment)

@@ -49,7 +49,7 @@ def describe(program: Program) -> list[str]:
 
 
 def _format_part(part: ProgramPart) -> dict[str, str]:
-    moves, main = part.weave([_format_move(part, move) for move in part.moves]), len(part.parts) == 1
+    moves, main = part.merge_events([_format_move(part, move) for move in part.moves]), len(part.parts) == 1
     return {f"{part.name}.JBI": format_job(part.program, part.name, _list_points(part), moves, main=main)}
 
 

@@ -108,7 +108,7 @@ class ControllerTable(StrictTable):
 
 
 @dataclass(frozen=True)
-class Counting:
+class JointConvention:
     """Joint convention of a controller: controller = sign q + zero + coupling q, in deg and mm."""
 
     name: str  #: Name of the controller.
@@ -129,7 +129,7 @@ def _read_table(robot: Robot) -> tuple[ControllerTable | None, Path]:
     return read_toml_model(ControllerTable, file) if there else None, file
 
 
-def load_controller(robot: Robot) -> Counting:
+def load_controller(robot: Robot) -> JointConvention:
     """Read controller.toml of the robot's folder; without the file the controller has the conventions of the URDF.
 
     Raises:
@@ -138,7 +138,7 @@ def load_controller(robot: Robot) -> Counting:
     nq, (table, file) = robot.nq, _read_table(robot)
     plain = tuple(f"J{number}" for number in range(1, nq + 1))
     if table is None:
-        return Counting("", plain, robot.prismatic, np.eye(nq), np.zeros(nq), {}, unchecked=NO_FILE)
+        return JointConvention("", plain, robot.prismatic, np.eye(nq), np.zeros(nq), {}, unchecked=NO_FILE)
     names = table.joint_names or plain
     for key, length, what in (("sign", len(table.sign), "numbers"), ("zero_deg", len(table.zero_deg), "numbers"),
                               ("joint_names", len(names), "names")):  # fmt: skip
@@ -163,7 +163,7 @@ def load_controller(robot: Robot) -> Counting:
     world = build_pose(np.array(table.world.position_mm) * 1e-3, turn.as_matrix())
     zero, words = np.array(table.zero_deg, float), table.configuration
     unchecked = "" if table.checked else NOT_CHECKED
-    return Counting(table.controller, tuple(names), robot.prismatic, matrix, zero, words, world, unchecked)
+    return JointConvention(table.controller, tuple(names), robot.prismatic, matrix, zero, words, world, unchecked)
 
 
 def load_motion(robot: Robot) -> tuple[ServoMotion, list[str]]:
@@ -178,7 +178,7 @@ def load_motion(robot: Robot) -> tuple[ServoMotion, list[str]]:
     return read_motion(motion, robot.prismatic, limits, file), list_assumed_motion(motion)
 
 
-def to_controller(controller: Counting, q: Array) -> Array:
+def to_controller(controller: JointConvention, q: Array) -> Array:
     """Convert joint positions to the controller's convention. Shape (n, nq). [rad or m] -> [deg or mm]."""
     q = np.asarray(q, dtype=np.float64)
     if q.ndim != 2 or q.shape[1] != len(controller.zero):
@@ -186,7 +186,7 @@ def to_controller(controller: Counting, q: Array) -> Array:
     return np.where(controller.prismatic, q * 1e3, np.degrees(q)) @ controller.matrix.T + controller.zero
 
 
-def from_controller(controller: Counting, joints: Array) -> Array:
+def from_controller(controller: JointConvention, joints: Array) -> Array:
     """Convert joint positions from the controller's convention. Shape (n, nq). [deg or mm] -> [rad or m]."""
     counted = np.asarray(joints, dtype=np.float64) - controller.zero
     degrees = np.linalg.solve(controller.matrix, counted.T).T
@@ -223,7 +223,7 @@ def find_bend(robot: Robot, q: Array) -> NDArray[np.bool_] | None:
     return np.asarray(np.einsum("ni,ni->n", fifth, np.cross(fourth, sixth)) >= 0.0)
 
 
-def measure_words(controller: Counting, robot: Robot, q: Array) -> dict[str, tuple[NDArray[np.bool_], Array]]:
+def measure_words(controller: JointConvention, robot: Robot, q: Array) -> dict[str, tuple[NDArray[np.bool_], Array]]:
     """Return whether each configuration word is at or above its threshold, and its distance from there. [deg or mm]
 
     Shapes (n,) each.
@@ -237,20 +237,20 @@ def measure_words(controller: Counting, robot: Robot, q: Array) -> dict[str, tup
             found[key] = turned >= 180.0, 90.0 - np.abs(np.abs(turned - 180.0) - 90.0)
         else:
             frame, point = poses[word.frame or ""], poses[word.point or ""]
-            seen = np.einsum("nji,nj->ni", frame[:, :3, :3], point[:, :3, 3] - frame[:, :3, 3])
-            place = seen[:, "xyz".index(word.axis)] * 1e3
+            point_in_frame = np.einsum("nji,nj->ni", frame[:, :3, :3], point[:, :3, 3] - frame[:, :3, 3])
+            place = point_in_frame[:, "xyz".index(word.axis)] * 1e3
             found[key] = place >= word.threshold_mm, np.abs(place - word.threshold_mm)
     return found
 
 
-def name_words(controller: Counting, robot: Robot, q: Array) -> dict[str, NDArray[np.str_]]:
+def name_words(controller: JointConvention, robot: Robot, q: Array) -> dict[str, NDArray[np.str_]]:
     """Return the value of each configuration word at every waypoint: {"elbow": ["up", ...], ...}."""
     words = controller.words
     found = measure_words(controller, robot, q)
     return {key: np.where(above, words[key].above, words[key].below) for key, (above, _) in found.items()}
 
 
-def native_words(counting: Counting, words: Mapping[str, NDArray[np.str_]]) -> dict[str, NDArray[np.str_]]:
+def native_words(counting: JointConvention, words: Mapping[str, NDArray[np.str_]]) -> dict[str, NDArray[np.str_]]:
     """Return configurations in the controller's words, where controller.toml translates them. Shape (n,) each."""
     translated = {}
     for key, values in words.items():
@@ -260,7 +260,7 @@ def native_words(counting: Counting, words: Mapping[str, NDArray[np.str_]]) -> d
     return translated
 
 
-def krl_status(counting: Counting, words: Mapping[str, NDArray[np.str_]]) -> NDArray[np.int64] | None:
+def krl_status(counting: JointConvention, words: Mapping[str, NDArray[np.str_]]) -> NDArray[np.int64] | None:
     """Return S of KRL positions, or None where controller.toml does not define it. Shape (n,)."""
     status = [(counting.words[key].status, values.tolist()) for key, values in words.items()]
     if not status or not all(adds for adds, _ in status):
@@ -268,7 +268,7 @@ def krl_status(counting: Counting, words: Mapping[str, NDArray[np.str_]]) -> NDA
     return np.sum([[adds.get(value, 0) for value in values] for adds, values in status], axis=0, dtype=np.int64)
 
 
-def believed_robot(robot: Robot) -> Robot:
+def controller_robot(robot: Robot) -> Robot:
     """Return the robot with the kinematic model of its controller: controller.urdf of its folder, if the file exists.
 
     Raises:

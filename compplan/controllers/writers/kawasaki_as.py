@@ -38,7 +38,7 @@ def name_variables(name: str) -> str:
 
 def _format_part(part: ProgramPart) -> dict[str, str]:
     usual = f"ACCURACY {ACCURACY:.3g} ALWAYS"
-    own, stands, lines, joints, places = name_variables(part.whole), {"zone": usual}, [], [], []
+    own, modal, lines, joints, places = name_variables(part.whole), {"zone": usual}, [], [], []
     for move in part.moves:
         row, zone, pause = move.row, f"{1e3 * move.zone:.3g}", ["BREAK"] if move.stops else []
         if move.kind == "joint":
@@ -52,8 +52,8 @@ def _format_part(part: ProgramPart) -> dict[str, str]:
         if move.via:
             places.append(f"{own}c{row} {list_numbers([*move.via, *move.outer], 6, ' ')}")
             ends = [f"C1MOVE part+{own}c{row}", f"C2MOVE part+{own}p{row}"]
-        lines.append([f"SPEED {move.feed:.4f} MM/S", *change(stands, "zone", accuracy), *ends, *pause])
-    body = [*part.weave(lines, "  "), *(f"  {line}" for line in change(stands, "zone", usual))]
+        lines.append([f"SPEED {move.feed:.4f} MM/S", *change(modal, "zone", accuracy), *ends, *pause])
+    body = [*part.merge_events(lines, "  "), *(f"  {line}" for line in change(modal, "zone", usual))]
     lists = [[".TRANS", *places, ".END"] if places else [], [".JOINTS", *joints, ".END"] if joints else []]
     return {f"{part.name}.as": "\n".join([f".PROGRAM {part.name}()", *body, ".END", *lists[0], *lists[1], ""])}
 

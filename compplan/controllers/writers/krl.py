@@ -54,7 +54,7 @@ def _format_part(part: ProgramPart) -> dict[str, str]:
 
 def _format_moves(part: ProgramPart) -> list[str]:
     """Return the lines of motion of a part, each with commands for speed and zone where they change."""
-    program, stands, lines = part.program, {"zone": WIDE}, []
+    program, modal, lines = part.program, {"zone": WIDE}, []
     columns = order_joints(program, ARM, "KRL")
     for move in part.moves:
         if move.kind == "joint":
@@ -62,17 +62,17 @@ def _format_moves(part: ProgramPart) -> list[str]:
             note = "; the configuration changes: a joint move\n" if move.swings else ""
             target = JOINTS.format(*program.joints[move.row, columns]) + _format_external(program, move.row)
             lines.append([
-                *([] if part.linear else change(stands, "percent", f"BAS(#VEL_PTP,{percent})")),
+                *([] if part.linear else change(modal, "percent", f"BAS(#VEL_PTP,{percent})")),
                 f"{note}PTP {{{target}}}{'' if move.stops else ' C_PTP'}",
             ])  # fmt: skip
             continue
         end = "" if move.stops else " C_DIS"
         zone = "" if move.stops else WIDE if move.zone == np.inf else f"$APO.CDIS={1e3 * move.zone:.3f}"
         lines.append([
-            *change(stands, "speed", f"$VEL.CP={move.feed * 1e-3:.6f}"), *change(stands, "zone", zone),
+            *change(modal, "speed", f"$VEL.CP={move.feed * 1e-3:.6f}"), *change(modal, "zone", zone),
             f"{_format_target(program, move, columns)}{end}{program.write_comment_line(move.row, ';')}",
         ])  # fmt: skip
-    return [*part.weave(lines), *change(stands, "zone", WIDE)]
+    return [*part.merge_events(lines), *change(modal, "zone", WIDE)]
 
 
 def _format_target(program: Program, move: WrittenMove, columns: list[int]) -> str:

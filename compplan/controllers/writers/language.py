@@ -34,7 +34,7 @@ class WrittenMove(NamedTuple):
     place: list[float]  #: Pose of its end in the part frame; empty in joint programs.
     via: list[float]  #: Via pose of an arc; empty otherwise.
     zone: float  #: Zone that the program must state, infinite where the language's default suffices. [m]
-    own_zone: float  #: Default zone of the language. [m]
+    default_zone: float  #: Default zone of the language. [m]
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ class ProgramPart:
         """The moves of this file."""
         return self.every[self.rows]
 
-    def weave(self, lines: Sequence[Sequence[str]], indent: str = "") -> list[str]:
+    def merge_events(self, lines: Sequence[Sequence[str]], indent: str = "") -> list[str]:
         """Return the lines of each move, followed by the lines of the events after it."""
         woven = list(self.events.get(-1, [])) if self.rows.start == 0 else []
         for move, own in zip(self.moves, lines, strict=True):
@@ -194,11 +194,11 @@ def list_moves(program: Program, form: ProgramForm, *, linear: bool) -> list[Wri
     ]
 
 
-def change(stands: dict[str, str], key: str, word: str) -> list[str]:
+def change(modal: dict[str, str], key: str, word: str) -> list[str]:
     """Return a modal command in a list where it differs from the current one, and store it; otherwise an empty list."""
-    if not word or stands.get(key) == word:
+    if not word or modal.get(key) == word:
         return []
-    stands[key] = word
+    modal[key] = word
     return [word]
 
 

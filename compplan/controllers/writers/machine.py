@@ -96,15 +96,15 @@ def phrase_events(events: Sequence[Event], wiring: Wiring, phrases: Phrases, lan
     for event in events:
         lines.setdefault(event.place, [])
     for place, written in lines.items():
-        asked: list[str] = []
+        instructions: list[str] = []
         for event in (event for event in events if event.place == place):
             remark, code, task = plan_event(event, wiring, phrases)
-            if asked and code:
-                written += phrases.write("pause", text=", then ".join(asked))
-                asked = []
+            if instructions and code:
+                written += phrases.write("pause", text=", then ".join(instructions))
+                instructions = []
             written += [*remark, *code]
-            asked += [task] if task else []
-        written += phrases.write("pause", text=", then ".join(asked)) if asked else []
+            instructions += [task] if task else []
+        written += phrases.write("pause", text=", then ".join(instructions)) if instructions else []
     return lines
 
 
@@ -153,11 +153,11 @@ def name_signal(signal: Signal, prefix: str) -> str:
 def describe_events(events: Sequence[Event], wiring: Wiring, phrases: Phrases) -> list[str]:
     """Return notes on events without a signal, one sentence each."""
     left = [event for event in events if event.kind != "comment" and event.kind not in phrases.native]
-    asked = [event for event in left if plan_event(event, wiring, phrases)[2]]
+    manual = [event for event in left if plan_event(event, wiring, phrases)[2]]
     notes = []
-    if asked:
-        kinds = ", ".join(dict.fromkeys(event.kind.replace("_", " ") for event in asked))
-        notes.append(f"the program stops for {len(asked)} events and asks the operator ({kinds}): see [output.io]")
+    if manual:
+        kinds = ", ".join(dict.fromkeys(event.kind.replace("_", " ") for event in manual))
+        notes.append(f"the program stops for {len(manual)} events and asks the operator ({kinds}): see [output.io]")
     if wiring.coolant is None and any(event.kind in ("coolant", "mist") for event in left):
         notes.append("coolant is a comment only: no output is named in [output.io]")
     if wiring.spindle is not None and any(event.kind.startswith("spindle_c") for event in left):

@@ -30,7 +30,7 @@ def write(program: Program, folder: Path, most: int | None = None) -> list[Path]
     words = {
         "name": legal_name(name_main(program), LONGEST_NAME), "comments": head_lines(program), "cell": program.post,
         "robot": program.robot, "controller": program.controller, "joint_names": list(program.joint_names),
-        "tool": _say_poses(program.tool[None])[0], "base": _say_poses(program.base_frame[None])[0],
+        "tool": _tabulate_poses(program.tool[None])[0], "base": _tabulate_poses(program.base_frame[None])[0],
         "mass_kg": program.mass, "centre_mm": (program.centre * 1e3).tolist(), "moves": _list_moves(fitted),
         "before": [vars(event) for event in program.events if event.place < 0],
     }  # fmt: skip
@@ -43,8 +43,8 @@ def _list_moves(program: Program) -> list[dict[str, Any]]:
     """Return the data of each move for a template: kind, end, feed, whether it stops, and the events after it."""
     linear = program.form != "joint"
     alone, stops, arcs = program.alone(linear=linear), program.stops(linear=linear), program.arcs
-    places = _say_poses(program.positions) if linear else [None] * len(program)
-    middles = dict(zip(np.flatnonzero(arcs).tolist(), _say_poses(program.via_positions[arcs]), strict=True))
+    places = _tabulate_poses(program.positions) if linear else [None] * len(program)
+    middles = dict(zip(np.flatnonzero(arcs).tolist(), _tabulate_poses(program.via_positions[arcs]), strict=True))
     zones = 1e3 * find_zones(program, OTHER)[0] if linear else np.zeros(len(program))
     percent, halts = joint_percent(program), set(find_halts(program.events))
     moves = []
@@ -61,7 +61,7 @@ def _list_moves(program: Program) -> list[dict[str, Any]]:
     return moves
 
 
-def _say_poses(poses: Array) -> list[dict[str, Any]]:
+def _tabulate_poses(poses: Array) -> list[dict[str, Any]]:
     """Return poses as positions and as orientations in the notation of every maker."""
     place = (poses[:, :3, 3] * 1e3 + 0.0).tolist()
     turns = {key: place_table(poses, order)[:, 3:].tolist() for key, order in

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.controllers.writers.frames import flange_turn, weigh_tool
+from compplan.controllers.writers.frames import compute_tool_mass, flange_turn
 from compplan.controllers.writers.joint_convention import (
-    believed_robot,
+    controller_robot,
     find_bend,
     krl_status,
     load_controller,
@@ -234,11 +234,11 @@ def build_program(
     Raises:
         InputError: If controller.toml or controller.urdf of the robot's folder is not valid.
     """
-    believed = believed_robot(robot)
+    believed = controller_robot(robot)
     tip = locate_link(believed, q, robot.tcp)
     turned = flange_turn(robot)
     flange = locate_link(believed, q[:1], robot.flange) @ turned
-    mass, centre = weigh_tool(robot)
+    mass, centre = compute_tool_mass(robot)
     return Program(
         name=name,
         **_count_joints(robot, believed, q),

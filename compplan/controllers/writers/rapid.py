@@ -45,10 +45,10 @@ def write(program: Program, folder: Path, most: int | None = None) -> list[Path]
 
 
 def _format_part(part: ProgramPart) -> dict[str, str]:
-    program, told, lines = part.program, "", []
-    seen = program.post.tool or f"t_{part.whole}"
+    program, latest, lines = part.program, "", []
+    tool_words = program.post.tool or f"t_{part.whole}"
     if part.linear:
-        seen = f"{seen}\\WObj:={program.post.base or f'w_{part.whole}'}"
+        tool_words = f"{tool_words}\\WObj:={program.post.base or f'w_{part.whole}'}"
     for move in part.moves:
         rapid = move.kind == "joint" and program.rapid[move.row]
         speed = 500.0 if rapid else max(move.feed, 0.01)
@@ -57,12 +57,12 @@ def _format_part(part: ProgramPart) -> dict[str, str]:
         notes = ["! the configuration changes: a joint move"] if move.swings else []
         if move.kind != "joint":
             line = program.write_comment_line(move.row, "!").strip()
-            notes, told = [line] if line and line != told else [], line
-        lines.append([*notes, f"{_state_target(program, move)},{manner},{seen};"])
+            notes, latest = [line] if line and line != latest else [], line
+        lines.append([*notes, f"{_state_target(program, move)},{manner},{tool_words};"])
     body = [
         f"MODULE {part.name}",
         f"  PROC run_{part.name}()",
-        *part.weave(lines, "    "),
+        *part.merge_events(lines, "    "),
         "  ENDPROC",
         "ENDMODULE",
         "",

@@ -53,18 +53,18 @@ def write(program: Program, folder: Path, most: int | None = None) -> list[Path]
     return write_texts(folder, form.format_kind(fitted, name, points, format_part, _format_calls, linear=True))
 
 
-def _format_part(stands: dict[str, str], middles: Array, part: ProgramPart) -> dict[str, str]:
-    """Format a part; `stands`: modal travel and zone commands of the part before, `middles`: via points of arcs."""
+def _format_part(modal: dict[str, str], middles: Array, part: ProgramPart) -> dict[str, str]:
+    """Format a part; `modal`: modal travel and zone commands of the part before, `middles`: via points of arcs."""
     lines = []
     for move in part.moves:
         zone = "G642" if move.zone == np.inf else f"G641 ADIS={1e3 * move.zone:.3f}"
         lines.append([
             *(["; the configuration changes: PTP travel"] if move.swings else []),
-            *change(stands, "travel", "PTP" if move.kind == "joint" else "CP"),
-            *change(stands, "zone", "" if move.stops else zone),
+            *change(modal, "travel", "PTP" if move.kind == "joint" else "CP"),
+            *change(modal, "zone", "" if move.stops else zone),
             _format_move(part, move, middles[move.row].tolist()),
         ])  # fmt: skip
-    blocks = part.weave(lines)
+    blocks = part.merge_events(lines)
     if len(part.parts) == 1:
         return {f"{part.name}.MPF": _format_program(part, blocks)}
     return {f"{part.name}.SPF": "\n".join([*blocks, "M17", ""])}

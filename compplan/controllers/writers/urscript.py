@@ -72,7 +72,7 @@ def _format_moves(part: ProgramPart) -> list[str]:
             lines.append([f"movec(pose_trans(part, {via}), {target}{arc_end}{cam}"])
         else:
             lines.append([f"movel({target}{end}{cam}"])
-    return part.weave(lines, "  ")
+    return part.merge_events(lines, "  ")
 
 
 def _joint_speeds(program: Program) -> Array:

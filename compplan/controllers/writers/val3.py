@@ -50,7 +50,7 @@ def _format_part(part: ProgramPart) -> dict[str, str]:
         row: ["waitEndMove()"] * any(not line.startswith("//") for line in lines) + lines
         for row, lines in part.events.items()
     }
-    code = "".join(f"{line}\n" for line in replace(part, events=events).weave(_format_moves(part, number), "  "))
+    code = "".join(f"{line}\n" for line in replace(part, events=events).merge_events(_format_moves(part, number), "  "))
     return {f"{part.whole}/part{number}.pgx": _format_program(f"part{number}", code)}
 
 
@@ -80,22 +80,22 @@ def _remarks(program: Program, linear: bool) -> list[str]:
 def _format_moves(part: ProgramPart, number: int) -> list[list[str]]:
     """Return the motion lines of a part: joint moves, lines and arcs, with speed and zone where they change."""
     usual = f"{1e3 * ZONES['val3'].size:g}"
-    stands, lines, quick, through = {"leave": f"mPath.leave={usual}", "reach": f"mPath.reach={usual}"}, [], 0, 0
+    modal, lines, quick, through = {"leave": f"mPath.leave={usual}", "reach": f"mPath.reach={usual}"}, [], 0, 0
     for index, move in enumerate(part.moves):
         how, feed = "mEnd" if move.stops else "mPath", f"{move.feed:.4f}"
         if move.kind == "joint":
             target = f"movej(jPath{number}[{quick}],tTool"
             rapid = part.linear or part.program.rapid[move.row]
             alone = [f"{target},mRapid)", "waitEndMove()"]
-            lines.append(alone if rapid else [*change(stands, how, f"{how}.tvel={feed}"), f"{target},{how})"])
+            lines.append(alone if rapid else [*change(modal, how, f"{how}.tvel={feed}"), f"{target},{how})"])
             quick += 1
             continue
         space = usual if move.stops or move.zone == np.inf else f"{1e3 * move.zone:.3f}"
         via = f"pVia{number}[{through}]," if move.via else ""
         through += bool(via)
         lines.append([
-            *change(stands, how, f"{how}.tvel={feed}"),
-            *(line for word in ("leave", "reach") for line in change(stands, word, f"mPath.{word}={space}")),
+            *change(modal, how, f"{how}.tvel={feed}"),
+            *(line for word in ("leave", "reach") for line in change(modal, word, f"mPath.{word}={space}")),
             f"move{'c' if via else 'l'}({via}pPath{number}[{index}],tTool,{how})",
         ])  # fmt: skip
     return lines

@@ -79,10 +79,10 @@ def find_zones(program: Program, zone: BlendZone) -> tuple[Array, Array, Array]:
         if arc is not None:
             leaves[k], comes[k] = arc.directions()
     turn = np.linalg.norm(np.r_[leaves[1:], comes[-1:]] - comes, axis=1)
-    corners, beside = program.corners[kept], program.corner[kept]
+    corners, departure = program.corners[kept], program.corner[kept]
     if program.corner_shift is not None:
-        beside = np.where(corners, np.linalg.norm(program.corner_shift[kept], axis=1), beside)
-    most = 4.0 * beside / (np.maximum(program.blend_share, 1e-3) * np.maximum(turn, 1e-12))
+        departure = np.where(corners, np.linalg.norm(program.corner_shift[kept], axis=1), departure)
+    most = 4.0 * departure / (np.maximum(program.blend_share, 1e-3) * np.maximum(turn, 1e-12))
     most = np.where(corners, np.minimum(most, room), most)
     stated = np.where((size > most) | (corners & ~stops), np.maximum(np.floor(most / STEP), 1.0) * STEP, np.inf)
     return np.where(corners & ~stops, stated, np.minimum(size, stated))[row], stated[row], size[row]

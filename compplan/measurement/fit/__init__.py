@@ -1,6 +1,6 @@
-"""Least squares of measured rows, whatever they measure.
+"""Robust least squares of measured rows.
 
-In: residuals r, derivatives A and stated deviations. The equation: (A^T W A) dp = A^T W r, W of the noise that the
-residuals show, block by block, and of a loss that gross outliers cannot pull far (`least_squares`). Out: which
-parameters the rows tell apart, covariance and degrees of freedom, and what a fit says of rows left out (`intervals`).
+Input: residuals r, derivatives A and stated deviations. Equation: (A^T W A) dp = A^T W r, W from the noise estimated
+by the residuals, block by block, and from a robust loss (`least_squares`). Output: identifiable parameters, covariance
+and degrees of freedom, and the prediction of rows left out of the fit (`intervals`).
 """

@@ -1,4 +1,4 @@
-"""What a fit tells: which parameters apart, with which intervals where residuals are no noise, and on rows left out."""
+"""Identifiability, confidence intervals under correlated residuals, and prediction of rows left out of a fit."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from compplan.errors import InputError
 from compplan.measurement.fit.least_squares import System, count_spare, information, invert, loss_weights, stack, weigh
 from compplan.robot import Array
 
-#: Standard normal score from which residuals of neighbouring poses count as dependent (one in 30,000 by chance).
+#: Standard normal score above which residuals of neighbouring poses count as correlated (one in 30,000 by chance).
 AGREEMENT_SCORE = 4.0
 SEED = 20240501
-#: A direction whose standard error is more than this many typical sizes is called unidentifiable.
+#: Greatest standard error of an identifiable direction, in typical sizes of the parameters.
 LIMIT = 10.0
-#: Squared singular value of the column-scaled system below which a direction is singular, whatever the noise.
+#: Squared singular value of the column-scaled system below which a direction is singular at any noise.
 SINGULAR = 1e-12
-#: Share of a direction from which a parameter may be the one that is held.
+#: Least component of an unidentifiable direction, relative to the greatest, of a parameter that may be fixed.
 SHARE = 0.2
 
 
@@ -29,13 +29,13 @@ def state_spread(
     system: System, q: Array, noise: Array, loss: str, group: NDArray[np.int_] | None, free: NDArray[np.bool_],
     sigma: str,
 ) -> tuple[Array, Array, bool]:  # fmt: skip
-    """Compute covariance, degrees of freedom of each parameter, and whether groups of poses gave the covariance.
+    """Compute covariance, degrees of freedom of each parameter, and whether the residuals of poses are correlated.
 
-    Arguments as of `iterate_gauss_newton`, at the fitted state; q: joint positions, (n, nq); noise: of each block over
-    the stated one, (3,).
+    Arguments: see `iterate_gauss_newton`, at the fitted state; q: joint positions, (n, nq); noise: ratio to the stated
+    noise of each block, (4,).
 
     Raises:
-        InputError: If the parameters use up all measured numbers.
+        InputError: If there are not more measured numbers than parameters.
     """
     whitener, index = system.whitener(noise), np.flatnonzero(free)
     count = system.seen
@@ -70,7 +70,7 @@ def state_spread(
 def _freedom(
     system: System, whitener: Array, group: NDArray[np.int_] | None, free: NDArray[np.bool_], spare: Array
 ) -> Array:
-    """Weigh the freedom of the blocks by what each adds to the variance of a parameter. Shape (k,)."""
+    """Combine the degrees of freedom of the blocks by their shares in the variance of each parameter. Shape (k,)."""
     columns = weigh(system, whitener, group)[1][:, :, free]
     inverse = invert(stack(columns).T @ stack(columns))
     parts = []
@@ -82,7 +82,7 @@ def _freedom(
 
 
 def neighbours_agree(q: Array, residual: Array) -> bool:
-    """Tell whether residuals of neighbouring poses agree more than noise does.
+    """Test whether residuals of neighbouring poses are positively correlated.
 
     The score is sum_i r_i . r_nn(i) / sqrt(sum_i (r_i . r_nn(i))^2) over nearest neighbours in joint space. q: joint
     positions, (n, nq); residual: weighted, (n, m).
@@ -92,16 +92,16 @@ def neighbours_agree(q: Array, residual: Array) -> bool:
     _, index = cKDTree(q).query(q, k=2)
     neighbour = np.where(index[:, 0] == np.arange(len(q)), index[:, 1], index[:, 0])
     product = np.einsum("ij,ij->i", residual, residual[neighbour])
-    # A mutual pair is one product, not two.
+    # A mutual pair counts once.
     once = (neighbour[neighbour] != np.arange(len(q))) | (np.arange(len(q)) < neighbour)
     product = product[once]
     return bool(product.sum() > AGREEMENT_SCORE * np.sqrt((product**2).sum() + 1e-300))
 
 
 def cluster_covariance(q: Array, residual: Array, columns: Array) -> Array | None:
-    """Compute the covariance from groups of neighbouring poses that share their errors [LiangZeger1986]. Shape (p, p).
+    """Compute the cluster-robust covariance by groups of neighbouring poses [LiangZeger1986]. Shape (p, p).
 
-    None where there are too few poses to form groups. Residuals (n, m) and derivatives (n, m, p) are weighted.
+    None if there are too few poses to form groups. Residuals (n, m) and derivatives (n, m, p) are weighted.
     """
     count = min(len(np.unique(np.round(q, 4), axis=0)) // 3, 60)
     if count <= 10:
@@ -114,16 +114,16 @@ def cluster_covariance(q: Array, residual: Array, columns: Array) -> Array | Non
 
 
 def cluster_poses(q: Array, count: int) -> np.ndarray:
-    """Group poses that are near in joint space; the same poses give the same groups. Shape (n,)."""
+    """Group poses that are near in joint space, deterministically. Shape (n,)."""
     spread = np.where(q.std(axis=0) > 1e-9, q.std(axis=0), 1.0)
     return np.asarray(kmeans2(q / spread, count, minit="++", seed=SEED, missing="warn")[1])
 
 
 @dataclass(frozen=True)
 class HeldOutRows:
-    """Residuals of rows under models that were fitted without them."""
+    """Residuals of rows under models fitted without these rows."""
 
-    residual: Array  #: Measured minus predicted; after taking off the mean of each pose for differences. Shape (n, m).
+    residual: Array  #: Measured minus predicted; for differences, minus the mean of each pose. Shape (n, m).
     score: Array  #: Sum of squared weighted residuals of each pose. Shape (poses,).
 
 
@@ -131,11 +131,11 @@ def predict_left_out(
     system: System, noise: Array, weights: Array, free: NDArray[np.bool_], *, group: NDArray[np.int_] | None,
     fold: NDArray[np.int_], pose: NDArray[np.int_],
 ) -> HeldOutRows:  # fmt: skip
-    """Refit without each block of rows and predict it.
+    """Refit without each fold of rows and predict it.
 
-    Each refit is one Gauss-Newton step from the fit of all rows: the model is linear in its parameters far below noise.
+    Each refit is one Gauss-Newton step from the fit of all rows: nonlinearity at such steps is far below the noise.
     Row weights, (n,), are those of the fit of all rows, so that gross outliers count neither in the fit nor in the
-    test. fold: block of each row; pose: of each row, for the score, (n,); others as of `state_spread`.
+    test. fold: fold of each row, (n,); pose: of each row, for the score, (n,); others: see `state_spread`.
     """
     whitener = system.whitener(noise)
     root = np.sqrt(weights)[:, None]
@@ -162,24 +162,24 @@ def predict_left_out(
 
 
 def gain_score(before: Array, after: Array) -> float:
-    """Weigh a gain in held-out scores against its scatter from pose to pose: mean over standard error."""
+    """Return the mean reduction of left-out scores over its standard error from pose to pose."""
     gain = before - after
     spread = gain.std(ddof=1) / np.sqrt(len(gain)) if len(gain) > 1 else np.inf
     return float(gain.mean() / max(spread, 1e-300))
 
 
 def distance_rms(residual: Array, rows: NDArray[np.bool_]) -> float:
-    """Take the rms of the 3D distance over some rows. [m]"""
+    """Return the rms of the 3D distance over selected rows. [m]"""
     part = residual[rows, :3]
     known = np.isfinite(part).any(axis=1)
     return float(np.sqrt(np.mean(np.nansum(part[known] ** 2, axis=1)))) if known.any() else float("nan")
 
 
 def find_free(information: Array, sizes: Array, rank: Sequence[int]) -> NDArray[np.bool_]:
-    """Find a largest set of parameters that the data tell apart; the rest has to be held. Shape (p,).
+    """Find a maximal set of identifiable parameters; the others have to be fixed. Shape (p,).
 
-    information: A^T W A, (p, p); sizes: typical ones of the parameters, (p,); rank: what is held first where several
-    act alike, the lowest, (p,).
+    information: A^T W A, (p, p); sizes: typical sizes of the parameters, (p,); rank: of parameters with similar effects
+    the one of lowest rank is fixed, (p,).
     """
     scaled = information * np.outer(sizes, sizes)
     strength = np.sqrt(np.diag(scaled))
@@ -202,9 +202,9 @@ def find_free(information: Array, sizes: Array, rank: Sequence[int]) -> NDArray[
 
 
 def find_mates(information: Array, sizes: Array, free: NDArray[np.bool_]) -> list[tuple[int, list[int]]]:
-    """Return every parameter that is held, and the free ones that act as it does: six at most, the likest first.
+    """Return every fixed parameter, and at most six free ones with similar effects, the most similar first.
 
-    Arguments as of `find_free`; free: mask of the free parameters, (p,).
+    Arguments: see `find_free`; free: mask of the free parameters, (p,).
     """
     scaled = information * np.outer(sizes, sizes)
     strength, index = np.sqrt(np.diag(scaled)), np.flatnonzero(free)

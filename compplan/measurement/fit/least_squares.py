@@ -1,6 +1,6 @@
-"""A fit by Gauss-Newton: residuals, derivatives, weights that gross outliers cannot pull far, and what they leave over.
+"""Robust Gauss-Newton fit: residuals, derivatives, robust weights, and degrees of freedom.
 
-Rows of other instruments than a tracker tell one number, or the distance of contacts.
+Rows of instruments other than a tracker have one component, or the distance between contacts.
 """
 
 from __future__ import annotations
@@ -21,56 +21,56 @@ from compplan.measurement.registration import CONTACTS, Registration
 from compplan.robot import Array
 
 POSITION, ORIENTATION, ENCODERS, DISTANCES = range(4)
-#: Blocks, and those whose noise the residuals tell: known distances are too few for that.
+#: Blocks, and those whose noise is estimated from residuals: known distances are too few.
 BLOCKS, TOLD_BLOCKS = 4, 3
-#: The residuals never say less than this share of the stated noise: simulated data may hold none.
+#: Least estimated noise relative to the stated one: simulated data may have none.
 LEAST_NOISE = 1e-6
 State = TypeVar("State")
 MAX_STEPS = 40
-#: Halvings of a step at most.
+#: Greatest number of halvings of a step.
 HALVINGS = 12
 LOSSES = ("least_squares", "huber", "tukey")
 EFFICIENCY = 0.95
 
 
 class System(NamedTuple):
-    """Residuals and derivatives at one state; m components a row: 6 of the pose, then the encoders.
+    """Residuals and derivatives at one state; m components per row: 6 of the pose, then the encoders.
 
-    A row that tells one number of the position has it first. Known distances between contacts follow as components of
-    the first row of a contact.
+    An observation of one component is stored as the first one. Known distances between contacts follow as components
+    of the first row of a contact.
     """
 
-    residual: Array  #: Measured minus predicted, zero where nothing was measured. Shape (n, m).
+    residual: Array  #: Measured minus predicted, zero if not measured. Shape (n, m).
     columns: Array  #: Derivatives of the prediction. Shape (n, m, p).
-    sigma: Array  #: Stated standard deviation, infinite where nothing was measured. Shape (n, m).
+    sigma: Array  #: Stated standard deviation, infinite if not measured. Shape (n, m).
     block: NDArray[np.int_]  #: Position, orientation, encoders or known distances. Shape (m,).
 
     @property
     def known(self) -> NDArray[np.bool_]:
-        """Tell what was measured. Shape (n, m)."""
+        """Return which components were measured. Shape (n, m)."""
         return np.isfinite(self.sigma)
 
     def whitener(self, noise: Array) -> Array:
-        """Take one over the standard deviation, zero where nothing was measured. Shape (n, m)."""
+        """Return the inverse of the standard deviation, zero if not measured. Shape (n, m)."""
         return 1.0 / (self.sigma * noise[self.block])
 
     @property
     def seen(self) -> Array:
-        """Count what each row saw itself: a known distance between contacts is no part of the row. Shape (n,)."""
+        """Return the number of measured components of each row, without known distances. Shape (n,)."""
         return np.asarray(self.known[:, self.block != DISTANCES].sum(axis=1))
 
     def distance(self, noise: Array) -> Array:
-        """Measure how far what the rows saw lies from the model, in standard deviations. Shape (n,)."""
+        """Return the norm of the residuals of each row in standard deviations, without known distances. Shape (n,)."""
         away = self.residual * self.whitener(noise)
         return np.asarray(np.linalg.norm(away[:, self.block != DISTANCES], axis=1))
 
     def temper(self, weights: Array) -> Array:
-        """Return the roots of robust weights; known distances keep theirs. Shape (n, m)."""
+        """Return the square roots of robust weights, 1 for known distances. Shape (n, m)."""
         return np.where(self.block == DISTANCES, 1.0, np.sqrt(weights)[:, None])
 
 
 def weigh(system: System, whitener: Array, group: NDArray[np.int_] | None) -> tuple[Array, Array]:
-    """Weigh the system; with groups, take off each group's weighted mean first. Shapes (n, m), (n, m, p)."""
+    """Weight residuals and derivatives, minus the weighted mean of each group if given. Shapes (n, m), (n, m, p)."""
     residual, columns = system.residual, system.columns
     if group is not None:
         power = whitener**2
@@ -85,7 +85,7 @@ def weigh(system: System, whitener: Array, group: NDArray[np.int_] | None) -> tu
 
 
 def stack(columns: Array) -> Array:
-    """Put the components of all rows under one another. Shape (n, m, p) -> (n m, p)."""
+    """Stack the components of all rows. Shape (n, m, p) -> (n m, p)."""
     n, m, p = columns.shape
     return np.reshape(columns, (n * m, p))
 
@@ -97,13 +97,13 @@ def information(system: System, whitener: Array, group: NDArray[np.int_] | None)
 
 
 def invert(matrix: Array) -> Array:
-    """Invert an information matrix whose parameters differ by orders of magnitude."""
+    """Invert an information matrix with scaling, as parameters differ by orders of magnitude."""
     norms = np.sqrt(np.diag(matrix))
     return np.asarray(np.linalg.inv(matrix / np.outer(norms, norms)) / np.outer(norms, norms))
 
 
 def count_spare(system: System, whitener: Array, group: NDArray[np.int_] | None, free: NDArray[np.bool_]) -> Array:
-    """Count the measured numbers of each block less what the fit uses up (the trace of the hat matrix). Shape (3,)."""
+    """Return the residual degrees of freedom of each block: measured numbers minus trace of the hat matrix. (3,)."""
     columns = weigh(system, whitener, group)[1][:, :, free]
     flat = stack(columns)
     inverse = invert(flat.T @ flat)
@@ -119,10 +119,10 @@ def count_spare(system: System, whitener: Array, group: NDArray[np.int_] | None,
 def scale_noise(
     system: System, noise: Array, free: NDArray[np.bool_], group: NDArray[np.int_] | None, loss: str
 ) -> Array:
-    """Estimate how large the noise is against the stated one, for position, orientation and encoders apart.
+    """Estimate the ratio of actual to stated noise, separately for position, orientation and encoders.
 
-    Variance components: residual sum of squares of a block over what the fit leaves of it. Robust losses take the
-    median size of the residuals instead. noise: the estimate before, (3,); others as of `iterate_gauss_newton`.
+    Variance components: residual sum of squares of a block over its degrees of freedom. Robust losses use the median
+    size of the residuals instead. noise: previous estimate, (4,); others: see `iterate_gauss_newton`.
     """
     result, whitener = noise.copy(), system.whitener(noise)
     left = count_spare(system, whitener, group, free)
@@ -148,20 +148,20 @@ def iterate_gauss_newton(
     state: State, linearise: Callable[[State], System], advance: Callable[[State, Array], State], sizes: Array,
     free: NDArray[np.bool_], *, group: NDArray[np.int_] | None, loss: str, sigma: str,
 ) -> tuple[State, System, Array, int]:  # fmt: skip
-    """Step until the values stand still; return state, problem, noise over the stated one by block, and step count.
+    """Iterate to convergence; return state, system, ratio of actual to stated noise by block, and step count.
 
     Args:
-        state: What to begin with.
-        linearise: Gives the problem at a state.
-        advance: Goes from a state along a step, shape (p,); a ConvergenceError halves the step.
+        state: Initial state.
+        linearise: Returns the system at a state.
+        advance: Returns a state moved by a step, shape (p,); a ConvergenceError halves the step.
         sizes: Typical sizes of the parameters. Shape (p,).
-        free: Which of them are estimated. Shape (p,).
+        free: Mask of the estimated parameters. Shape (p,).
         group: Number of the pose of each row, for differences; None for absolute poses. Shape (n,).
         loss: "least_squares", "huber" or "tukey".
         sigma: "residuals" or "stated".
 
     Raises:
-        ConvergenceError: If the values do not settle.
+        ConvergenceError: If the iteration does not converge.
     """
     system, noise, previous = linearise(state), np.ones(BLOCKS), np.inf
     for count in range(1, MAX_STEPS + 1):
@@ -195,10 +195,10 @@ def _go_along(state: State, step: Array, advance: Callable[[State, Array], State
 
 
 def check_loss(loss: str) -> str:
-    """Return a loss that exists.
+    """Check and return the name of a loss.
 
     Raises:
-        UnknownNameError: If there is none of that name.
+        UnknownNameError: If there is no loss of that name.
     """
     if loss not in LOSSES:
         raise UnknownNameError("loss", loss, list(LOSSES))
@@ -206,9 +206,9 @@ def check_loss(loss: str) -> str:
 
 
 def loss_weights(loss: str, distance: Array, count: Array) -> tuple[Array, Array]:
-    """Return weights in [0, 1] of rows by how far off they are, and their slopes dw/d(distance). Shape (n,) each.
+    """Return robust weights in [0, 1] of rows, and their slopes dw/d(distance). Shape (n,) each.
 
-    distance: norm of a row's residuals over their standard deviations; count: its components that were measured, (n,).
+    distance: norm of the residuals of a row in standard deviations, (n,); count: number of measured components, (n,).
     """
     if check_loss(loss) == "least_squares":
         return np.ones_like(distance), np.zeros_like(distance)
@@ -225,7 +225,7 @@ def loss_weights(loss: str, distance: Array, count: Array) -> tuple[Array, Array
 
 @lru_cache(maxsize=64)
 def tuning_constant(loss: str, components: int) -> float:
-    """Find the constant at which a loss keeps 95 % efficiency under normal noise in `components` dimensions."""
+    """Return the constant of a loss with 95 % efficiency under normal noise in `components` dimensions."""
     scale = np.log(2.0) * (1.0 - 0.5 * components) - gammaln(0.5 * components)
 
     def density(d: float) -> float:
@@ -256,10 +256,10 @@ def robust_scale(residual: Array, components: int = 1) -> float:
 
 
 def observe_rows(system: System, sights: Observations, frames: Registration, position: Array) -> System:
-    """Put the one number of a row that tells no more first, and known distances beside the first row of a contact.
+    """Store observations of one component as the first one; add known distances to the first row of a contact.
 
-    system: positions first, measuring axes, places of contacts last where they are fitted; position: measured points as
-    predicted, measuring frame, (n, 3). [m]
+    system: positions first, measuring axes, contact positions last if fitted; position: predicted measured points,
+    measuring frame, (n, 3). [m]
     """
     residual, columns, sigma = system.residual.copy(), system.columns.copy(), system.sigma.copy()
     R = frames.base[:3, :3]
@@ -283,11 +283,11 @@ def observe_rows(system: System, sights: Observations, frames: Registration, pos
 
 
 def forget_turns(system: System, sights: Observations | None, frames: Registration) -> System:
-    """Take out of the derivatives what only seems to tell how the whole arm is turned about its base.
+    """Remove spurious information on the rotation of the complete arm about its base from the derivatives.
 
-    Contacts and ball bars look the same however the base is turned with their unknown places: a turn w moves what is
-    left of a contact's row, r, by w x r, which is noise. Left in, it would tell the turn to one radian over the root of
-    the number of rows.
+    Contacts and ball bars do not observe a rotation of the base together with their unknown positions: a rotation w
+    changes the residual r of a contact by w x r, which is noise. Without this projection the noise would determine the
+    rotation to one radian over the square root of the number of rows.
     """
     if sights is None or CONTACTS not in frames.parts or not np.isin(sights.kind, (CONTACT, DISTANCE)).all():
         return system

@@ -1,4 +1,4 @@
-"""The rows of a log that are fitted, how they are weighed against each other, and the frames they were measured in."""
+"""Fitted rows of a log, their relative weights, and their measuring frames."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from compplan.measurement.fit.least_squares import check_loss
 from compplan.measurement.registration import Registration
 from compplan.robot import Array
 
-#: Assumed for encoder differences. [rad or m]
+#: Standard deviation of encoder differences (assumed). [rad or m]
 SIGMA_ENCODER = 1e-5
-#: Blocks of poses that are left out in turn.
+#: Folds of the cross-validation.
 FOLDS = 5
 #: The measuring frame is the robot base frame, the target the TCP, and neither is fitted.
 KNOWN_FRAMES = Registration(np.eye(4), np.eye(4)[None], ("",), ())
@@ -25,17 +25,17 @@ KNOWN_FRAMES = Registration(np.eye(4), np.eye(4)[None], ("",), ())
 
 @dataclass(frozen=True, eq=False)
 class Rows:
-    """What a fit is made to; n rows of a log."""
+    """Input of a fit; n rows of a log."""
 
-    campaign: Campaign  #: The whole log, since some effects remember where the robot came from.
-    row: NDArray[np.int_]  #: The rows that are fitted, counted from 0. Shape (n,).
-    registration: Registration  #: Frames of the campaign; its `parts` are fitted along.
+    campaign: Campaign  #: The complete log, since some effects depend on earlier rows.
+    row: NDArray[np.int_]  #: Indices of the fitted rows, from 0. Shape (n,).
+    registration: Registration  #: Frames of the campaign; its `parts` are fitted, too.
     loss: str = "least_squares"  #: "least_squares", "huber" or "tukey" (both 95 % efficient).
-    #: "absolute": poses as they were measured. "difference": rows of the same commanded pose are compared with each
-    #: other only, so that errors of geometry and frames there drop out [Klimchik2018, eqs. 4-6].
+    #: "absolute": poses as measured. "difference": rows of the same commanded pose are compared only with each other,
+    #: so that errors of geometry and frames cancel [Klimchik2018, eqs. 4-6].
     reference: str = "absolute"
-    #: "residuals": the stated standard deviations give relative weights inside position and inside orientation, and the
-    #: residuals say how large they are. "stated": they are trusted.
+    #: "residuals": the stated standard deviations are relative weights within position and within orientation, and
+    #: their scale is estimated from the residuals. "stated": they are used as stated.
     sigma: str = "residuals"
 
     def __len__(self) -> int:
@@ -43,17 +43,17 @@ class Rows:
 
     @cached_property
     def taken(self) -> Campaign:
-        """The rows alone, as a log."""
+        """Return the fitted rows as a log."""
         return self.campaign.take(self.row)
 
     @cached_property
     def turned(self) -> bool:
-        """Whether orientation is measured; without it a tool is a point."""
+        """Return whether orientation is measured; otherwise a tool is a point."""
         return self.taken.rotation is not None
 
     @cached_property
     def deviation(self) -> Array:
-        """Stated standard deviation of position and orientation, per axis. Shape (n, 6). [m, rad]"""
+        """Return the stated standard deviation of position and orientation, per axis. Shape (n, 6). [m, rad]"""
         log, n = self.taken, len(self)
         place = np.full(n, ASSUMED_SIGMA_POSITION) if log.sigma is None else log.sigma
         turn = np.full(n, ASSUMED_SIGMA_ROTATION) if log.sigma_rotation is None else log.sigma_rotation
@@ -61,7 +61,7 @@ class Rows:
 
     @cached_property
     def encoder(self) -> Array | None:
-        """Link-side minus motor-side reading, the commanded joints being those of the side that controls; or None."""
+        """Return link-side minus motor-side reading, commanded joints being those of the controlling side, or None."""
         log = self.taken
         if log.link is None and log.motor is None:
             return None
@@ -72,28 +72,28 @@ class Rows:
 
     @cached_property
     def pose(self) -> NDArray[np.int_]:
-        """Number of the commanded pose (within 0.006 deg or 0.1 mm), whatever mode and target. Shape (n,)."""
+        """Return the number of the commanded pose (0.006 deg or 0.1 mm), for any mode and target. Shape (n,)."""
         return number_rows(np.round(self.taken.q / 1e-4))
 
     @property
     def poses(self) -> int:
-        """Count the commanded poses, to 1e-4 rad or 0.1 mm."""
+        """Return the number of distinct commanded poses, to 1e-4 rad or 0.1 mm."""
         return count_poses(self.taken.q)
 
     @cached_property
     def alike(self) -> NDArray[np.int_]:
-        """Number of the commanded pose, mode and target. Shape (n,)."""
+        """Return the number of the commanded pose, mode and target. Shape (n,)."""
         log = self.taken
         return number_rows(np.column_stack([np.round(log.q / 1e-4), log.link_controlled, log.target_index]))
 
     @property
     def group(self) -> NDArray[np.int_] | None:
-        """Groups in which rows are compared with each other; None for absolute poses. Shape (n,)."""
+        """Return the groups in which rows are compared with each other; None for absolute poses. Shape (n,)."""
         return None if self.reference == "absolute" else self.alike
 
     @cached_property
     def fold(self) -> NDArray[np.int_]:
-        """Block of each row, in the order of measuring; rows of one pose stay together. Shape (n,)."""
+        """Return the fold of each row, in the order of measuring; rows of one pose are in one fold. Shape (n,)."""
         first = np.full(int(self.pose.max(initial=-1)) + 1, len(self))
         np.minimum.at(first, self.pose, np.arange(len(self)))
         rank = np.argsort(np.argsort(first))
@@ -101,15 +101,15 @@ class Rows:
 
 
 def count_poses(q: Array) -> int:
-    """Count different joint positions, to 1e-4 rad or 0.1 mm. Shape (n, nq)."""
+    """Return the number of distinct joint positions, to 1e-4 rad or 0.1 mm. q: shape (n, nq)."""
     return len(np.unique(np.round(q, 4), axis=0))
 
 
 def take_rows(campaign: Campaign, registration: Registration, loss: str) -> tuple[Rows, list[str]]:
-    """Take the settled poses with joints, load and position of a log, and say what was left out or assumed.
+    """Select the static poses of a log with joints, load and position; also return notes on omissions and assumptions.
 
     Raises:
-        InputError: If no row can be used.
+        InputError: If no row is usable.
     """
     row = np.flatnonzero(usable_rows(campaign))
     notes = [note for note in campaign.notes if "pasted" in note]
@@ -134,7 +134,7 @@ def take_rows(campaign: Campaign, registration: Registration, loss: str) -> tupl
 
 
 def usable_rows(campaign: Campaign) -> NDArray[np.bool_]:
-    """Tell which rows are settled poses with joints, load and position. Shape (n,).
+    """Return which rows are static poses with joints, load and position. Shape (n,).
 
     Raises:
         InputError: If there is none.

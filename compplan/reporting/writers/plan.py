@@ -129,7 +129,7 @@ def read_back(plan: Plan, folder: Path, program: Program | None = None) -> Plan:
     output = job.output
     breaches, notes = compare_written(
         folder, output.programs, Path(robot), arm, wanted, partial(find_ends, program), main=output.main,
-        excused=bool(output.io.model_fields_set),
+        may_be_unreadable=bool(output.io.model_fields_set),
     )  # fmt: skip
     return plan.add_checks((*state_breaches((*said, *breaches), "read back"), *state_notes(notes)))
 
@@ -206,7 +206,7 @@ def predict_rows(plan: Plan) -> Array:
     wrench = np.vstack([plan.approach.wrench, task.wrench, plan.retract.wrench])
     if task.law is None or task.law.learned is None:
         return wrench
-    return task.law.learned.undo(wrench, task.law.T_base_part[:3, :3])
+    return task.law.learned.invert(wrench, task.law.T_base_part[:3, :3])
 
 
 def _list_times(plan: Plan) -> Array:
