@@ -79,7 +79,7 @@ def identify_campaign(
     gap = measure_gap(replace(problem.rows, registration=frames), structure, kept)
     sigma = float(np.median(rows.deviation[:, 0]))
     known = identified_uncertainty(updated, kept, gap, difference=problem.difference, sigma=sigma, source=source)
-    if "base" in chosen.register or campaign.adrift:
+    if "base" in chosen.register or campaign.free_base:
         known = free_base(robot, known)
     notes += [*said, *more, *_describe_clustered(kept)]
     return Identification(

@@ -79,7 +79,7 @@ def count_coordinates(robot: Robot) -> int:
     return robot_uncertainty(robot).factor.shape[1] + 3 * MODES
 
 
-def settle_force(noise: NoiseTable, force: ForceSpread | None) -> NoiseTable:
+def apply_learned_force(noise: NoiseTable, force: ForceSpread | None) -> NoiseTable:
     """Replace level and direction of the force by those learned together with the robot, if there are any."""
     if force is None or not len(force.robot):
         return noise
@@ -87,7 +87,7 @@ def settle_force(noise: NoiseTable, force: ForceSpread | None) -> NoiseTable:
     return noise.model_copy(update=spread)
 
 
-def take_posterior(task: PlanTask, travel: Array, force: ForceSpread | None = None) -> RobotPosterior:
+def build_posterior(task: PlanTask, travel: Array, force: ForceSpread | None = None) -> RobotPosterior:
     """Build the posterior of a task's robot; `travel`: direction of motion of each joint, shape (nq, n).
 
     `force` is the uncertainty of the force learned from measured parts, or None.

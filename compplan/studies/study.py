@@ -20,11 +20,11 @@ from compplan.planning.strategies.online import ONLINE, Answer, answer_reading, 
 from compplan.planning.task import PlanTask
 from compplan.robot import Array
 from compplan.statics.encoders import actuator_selection, control_equilibrium, feedback_scale
-from compplan.studies.kernel import Kernel, Touch, build_kernel, move_part, prepare_touch, settle_tips
-from compplan.studies.posterior import settle_force
+from compplan.studies.kernel import Kernel, Touch, build_kernel, move_part, prepare_touch, solve_tips
+from compplan.studies.posterior import apply_learned_force
 from compplan.studies.sampling import (
-    Cells,
-    Surroundings,
+    SampleContext,
+    SampledRobots,
     differentiate_placements,
     list_factors,
     sample_robots,
@@ -44,7 +44,7 @@ STATIONS = 120
 BATCH = 8192
 
 
-class Worker(NamedTuple):
+class PreparedCommand(NamedTuple):
     """The command of a strategy, components first, prepared for many samples."""
 
     q: Array  #: Commanded joint positions. Shape (nq, 1, n). [rad or m]
@@ -65,10 +65,10 @@ class Study:
     task: PlanTask  #: The task, thinned if it is long.
     waypoints_of_path: int  #: Number of waypoints of the complete path.
     answers: dict[str, Answer]  #: Commands by strategy.
-    workers: dict[str, Worker]  #: The same, prepared for many samples.
+    workers: dict[str, PreparedCommand]  #: The same, prepared for many samples.
     kernel: Kernel  #: Compiled chain of the robot.
     touch: Touch | None  #: Touched points of the part, None if its frame is absolute.
-    surroundings: Surroundings  #: Noise and its effect on the tip.
+    surroundings: SampleContext  #: Noise and its effect on the tip.
     nominal: Array  #: Nominal tips. Shape (3, n). [m]
     cut: NDArray[np.bool_]  #: Waypoints that are evaluated. Shape (n,).
     stations: NDArray[np.int_]  #: Waypoints whose distances are kept. Shape (k,).
@@ -101,7 +101,7 @@ def prepare_study(
     Raises:
         InputError: If a strategy does not suit the robot, or the path has no cutting moves.
     """
-    noise = settle_force(noise or NoiseTable(), force)
+    noise = apply_learned_force(noise or NoiseTable(), force)
     if not task.compensated.any():
         raise InputError("the path has no cutting moves, nothing to compare")
     chosen = tuple(strategies) if strategies else list_strategies(task.robot)
@@ -165,7 +165,7 @@ def _thin_answer(answer: Answer, rows: NDArray[np.int_]) -> Answer:
     return replace(answer, q=answer.q[rows], gain=gain, expected=expected)
 
 
-def _make_worker(task: PlanTask, answer: Answer, selection: Array, noise: NoiseTable) -> Worker:
+def _make_worker(task: PlanTask, answer: Answer, selection: Array, noise: NoiseTable) -> PreparedCommand:
     beta = 0.0 if answer.beta is None else answer.beta
     state = control_equilibrium(task.chain, answer.q, task.wrench, feedback=answer.feedback, beta=beta)
     between = selection.any(axis=0)
@@ -177,7 +177,7 @@ def _make_worker(task: PlanTask, answer: Answer, selection: Array, noise: NoiseT
         ]
         offset = (runs[0] - runs[1]).T
     elsewhere = np.abs(answer.q - task.q_start).max() > OTHER_POSTURE
-    return Worker(
+    return PreparedCommand(
         q=np.ascontiguousarray(answer.q.T)[:, None, :],
         gain=None if answer.gain is None else np.ascontiguousarray(np.moveaxis(answer.gain, 0, -1)),
         expected=None if answer.expected is None else np.ascontiguousarray(answer.expected.T)[:, None, :],
@@ -227,7 +227,7 @@ def _evaluate_batch(study: Study, points: Array) -> ChunkResult:
     )
 
 
-def run_strategy(study: Study, name: str, cells: Cells) -> Array:
+def run_strategy(study: Study, name: str, cells: SampledRobots) -> Array:
     """Simulate a strategy on b sampled robots; return the deviation. Shape (3, b, n). [m]"""
     worker = study.workers[name]
     q = np.broadcast_to(worker.q, (len(worker.q), *cells.shift.shape[1:]))
@@ -236,7 +236,7 @@ def run_strategy(study: Study, name: str, cells: Cells) -> Array:
     return _cut_part(study, worker, cells, q)
 
 
-def _cut_part(study: Study, worker: Worker, cells: Cells, q: Array) -> Array:
+def _cut_part(study: Study, worker: PreparedCommand, cells: SampledRobots, q: Array) -> Array:
     """Simulate a command on b sampled robots; return the deviation. Shape (3, b, n). [m]"""
     gain = worker.spring_gain[:, None, None]
     true = q + cells.zero[:, :, None] + gain * cells.drive - gain * cells.motor - (1 - gain) * cells.link
@@ -252,7 +252,7 @@ def _cut_part(study: Study, worker: Worker, cells: Cells, q: Array) -> Array:
 
     def attain(wrench: Array) -> Array:
         flat = wrench.reshape(6, -1)
-        tips = settle_tips(study.kernel, true.reshape(len(true), -1), flat, factor, theta)
+        tips = solve_tips(study.kernel, true.reshape(len(true), -1), flat, factor, theta)
         return np.asarray(tips.reshape(3, b, n) + moved)
 
     return attain(cells.wrench)

@@ -21,7 +21,7 @@ from compplan.simulation.exact import build_exact_robot, solve_exact_pose
 from compplan.statics.chain import build_chain
 from compplan.statics.elastic import solve_equilibrium
 from compplan.studies import study as judging
-from compplan.studies.kernel import build_kernel, settle_tips
+from compplan.studies.kernel import build_kernel, solve_tips
 from compplan.studies.posterior import count_coordinates
 from compplan.studies.sampling import draw_points, sample_robots
 from compplan.studies.study import Study, prepare_study, run_strategy
@@ -54,7 +54,7 @@ def test_the_kernel_agrees_with_the_pinocchio_judge_to_a_nanometre(name: str) ->
     level = 100.0 if name == "ur10" else 800.0
     wrench = RNG.normal(size=(40, 6)) * level * np.array([1, 1, 1, 0.1, 0.1, 0.1])
     start = np.zeros((chain.n_springs, 40))
-    tips = settle_tips(build_kernel(chain), q.T, wrench.T, np.ones_like(start), start)
+    tips = solve_tips(build_kernel(chain), q.T, wrench.T, np.ones_like(start), start)
     evaluated, _, _ = solve_exact_pose(build_exact_robot(robot), q, wrench)
     assert np.abs(tips.T - evaluated).max() < 1e-9
 
@@ -65,7 +65,7 @@ def test_a_load_beyond_buckling_is_refused() -> None:
     start = np.zeros((task.chain.n_springs, n))
     wrench = np.tile([0, 0, -4e6, 0, 0, 0.0], (n, 1)).T
     with pytest.raises(ConvergenceError, match="buckling"):
-        settle_tips(build_kernel(task.chain), task.q_start[:n].T, wrench, np.ones_like(start), start)
+        solve_tips(build_kernel(task.chain), task.q_start[:n].T, wrench, np.ones_like(start), start)
 
 
 def test_in_a_cell_without_faults_every_exact_strategy_leaves_nothing() -> None:
@@ -223,7 +223,7 @@ def test_joints_that_are_held_at_the_link_feel_no_drive_and_no_motor_encoder(mon
         shift=np.zeros((3, 1, 3)), repeat=np.zeros((3, 1)), wrench=np.zeros((6, 1, 3)),
     )  # fmt: skip
     asked = []
-    monkeypatch.setattr(judging, "settle_tips", lambda kernel, q, *rest: asked.append(q) or np.zeros((3, 3)))
+    monkeypatch.setattr(judging, "solve_tips", lambda kernel, q, *rest: asked.append(q) or np.zeros((3, 3)))
     study = SimpleNamespace(kernel=None, nominal=np.zeros((3, 3)), touch=None)
     judging._cut_part(study, worker, cells, np.zeros((2, 1, 3)))  # type: ignore[arg-type]
     assert asked[0][:, 0] == pytest.approx([0.1 + 5.0 - 2.0, 0.2 - 0.5])

@@ -87,7 +87,7 @@ def state_uncertainty(
         groups=groups,
     )
     frames = state.registration
-    adrift = frames is not None and ("base" in frames.parts or campaign.adrift)
+    adrift = frames is not None and ("base" in frames.parts or campaign.free_base)
     return free_base(fit.problem.robot, stated) if adrift else stated
 
 
