@@ -147,16 +147,16 @@ def prepare_touch(task: PlanTask, noise: NoiseTable) -> Touch | None:
     return Touch(touched.q.T[:, None, :], touched.shown.T, rates, offset.T, linear_displacement(touched.shown))
 
 
-def move_part(touch: Touch, kernel: Kernel, cells: SampledRobots, scale: Array, position: Array) -> Array:
+def move_part(touch: Touch, kernel: Kernel, robots: SampledRobots, scale: Array, position: Array) -> Array:
     """Return the displacement of every sampled part from the found frame at positions (3, n). Shape (3, b, n). [m]
 
     scale: share of each spring's deflection that remains under the feedback. Shape (s, b).
     """
-    b, k = cells.zero.shape[1], touch.q.shape[2]
-    q = (touch.q + cells.zero[:, :, None]).reshape(len(touch.q), -1)
-    factor = np.repeat(cells.factor * scale, k, axis=1)
+    b, k = robots.zero.shape[1], touch.q.shape[2]
+    q = (touch.q + robots.zero[:, :, None]).reshape(len(touch.q), -1)
+    factor = np.repeat(robots.factor * scale, k, axis=1)
     tips = solve_tips(kernel, q, np.zeros((6, b * k)), factor, np.zeros_like(factor)).reshape(3, b, k)
-    gap = tips + shift_tip(cells.causes, touch.placements) + (touch.offset - touch.shown)[:, None, :]
+    gap = tips + shift_tip(robots.causes, touch.placements) + (touch.offset - touch.shown)[:, None, :]
     twist = touch.fit @ np.moveaxis(gap, 1, 0).transpose(0, 2, 1).reshape(b, -1).T
     lever = position - touch.shown.mean(axis=1, keepdims=True)
     return np.asarray(twist[:3, :, None] + np.cross(twist[3:, :, None], lever[:, None, :], axis=0))

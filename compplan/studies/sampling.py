@@ -84,7 +84,7 @@ class SampledRobots(NamedTuple):
     force: Array  #: Error of the force sensor. Shape (6, b, n). [N, N m]
 
 
-def survey_surroundings(
+def build_context(
     task: PlanTask, noise: NoiseTable, factors: Factors, force: ForceSpread | None = None
 ) -> SampleContext:
     """Compute the data common to all samples of a task; `force`: uncertainty learned from measured parts, or None."""

@@ -68,15 +68,15 @@ def predict_bands(
     now: band of the complete cut [m], band_after: band after a set of measurements; steps: available measurements.
     """
     steps = sorted(steps, key=lambda step: COSTS[step][0])
-    rungs = [MeasurementStep("now", now, now, now <= tolerance, 0.0, "")]
+    ladder = [MeasurementStep("now", now, now, now <= tolerance, 0.0, "")]
     for count, step in enumerate(steps, 1):
         band = band_after(steps[:count])
-        rungs.append(MeasurementStep(step, band, band_after([step]), band <= tolerance, *COSTS[step]))
+        ladder.append(MeasurementStep(step, band, band_after([step]), band <= tolerance, *COSTS[step]))
     if now <= tolerance:
-        return tuple(rungs), ()
+        return tuple(ladder), ()
     sets = [chosen for size in range(1, len(steps) + 1) for chosen in combinations(steps, size)]
     sets.sort(key=lambda chosen: sum(COSTS[step][0] for step in chosen))
-    return tuple(rungs), next((chosen for chosen in sets if band_after(chosen) <= tolerance), ())
+    return tuple(ladder), next((chosen for chosen in sets if band_after(chosen) <= tolerance), ())
 
 
 def pose_observability(robot: Robot, unknowns: Sequence[Unknown], load: float) -> Array:

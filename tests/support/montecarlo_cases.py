@@ -53,8 +53,8 @@ def small_study() -> Study:
 
 
 def noise_free_robots(study: Study, compliance: Array, level: Array) -> SampledRobots:
-    """Make cells without noise, with all compliances and the wrench times factors. Shape (b,) each."""
-    at, b, n = study.surroundings, len(compliance), len(study.task)
+    """Make robots without noise, with all compliances and the wrench times factors. Shape (b,) each."""
+    at, b, n = study.context, len(compliance), len(study.task)
     nq = at.nq
     still, rest = np.zeros((nq, b, n)), np.zeros((3, b, n))
     wrench = at.wrench[:, None, :] * level[:, None]
