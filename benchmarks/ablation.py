@@ -70,7 +70,7 @@ MECHANISMS: dict[str, tuple[Switch, ...]] = {
     "bounds": ((f"{JUDGE}.find_breach", lambda *found: ""),),
     "least motion over the noise floor": ((f"{JUDGE}.NAMING", replace(judged.NAMING, nameable=0.0)),),
     "unmodelled causes: removing and adding claims": ((f"{CAUSES}._search_again", _keep),),
-    "unmodelled causes: adding claims": ((f"{CAUSES}.SEARCH", replace(unmodelled.SEARCH, worthwhile=np.inf)),),
+    "unmodelled causes: adding claims": ((f"{CAUSES}.SEARCH", replace(unmodelled.SEARCH, least_gain=np.inf)),),
 }
 
 

@@ -2,7 +2,7 @@
 
     python -m benchmarks shop measure POSES/campaign.csv --robot kuka_kr270 --seed 7 --out log.csv    fills in the log
     python -m benchmarks shop cut PLAN --robot kuka_kr270 --seed 7 --out part1.csv         cuts and probes a part
-    python -m benchmarks shop tell --robot kuka_kr270 --seed 7                             what it hides
+    python -m benchmarks shop reveal --robot kuka_kr270 --seed 7                             what it hides
 
 The robot of a seed is always the same: a MuJoCo model of the folder's arm that hides three effects (every third seed
 one that is in no vocabulary) and everyday errors of every axis, under a process that pushes harder or softer than
@@ -268,7 +268,7 @@ def probe_part(shop: VirtualShop, cut: Cut, file: Path, *, tracked: bool = False
 def main() -> int:
     """Run one command; return its exit status."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("command", choices=("measure", "cut", "tell"))
+    parser.add_argument("command", choices=("measure", "cut", "reveal"))
     parser.add_argument("file", type=Path, nargs="?", help="measure: campaign.csv; cut: folder with joints.csv")
     parser.add_argument("--robot", default="kuka_kr270", help="robot folder, or the name of a shipped one")
     parser.add_argument("--seed", type=int, default=0)
@@ -277,7 +277,7 @@ def main() -> int:
     words = parser.parse_args()
     folder = Path(words.robot) if Path(words.robot).is_dir() else ROOT / "robots" / words.robot
     shop = draw_shop(folder, words.seed)
-    if words.command == "tell":
+    if words.command == "reveal":
         print("\n".join(shop.hidden))
         return 0
     if words.file is None or words.out is None:

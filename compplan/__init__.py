@@ -8,11 +8,11 @@ One verb for each daily way from files, arrays or DataFrames to a result:
     done = cp.post("part.nc", robot=.., part=.., program="krl")   # from a CAM file to the program
     comparison = cp.compare("paths/isf_cone.toml")                # every strategy side by side
     diagnosis = cp.diagnose("measurements.csv", "my_robot")       # what is wrong with the robot
-    taught = cp.learn("job.toml", "part1.csv", "my_robot")        # the next program, from a measured part
+    updated = cp.learn("job.toml", "part1.csv", "my_robot")        # the next program, from a measured part
     print(plan); plan.plot(); plan.to_frame(); plan.to_dict(); cp.write_plan(plan, "out")
 
-`out="folder"` writes what the command of the same name writes. Long calls take `progress`, a callable that is told what
-is being done; an exception raised in it ends the call, nothing is written.
+`out="folder"` writes what the command of the same name writes. Long calls take `progress`, a callable that is given
+what is being done; an exception raised in it ends the call, nothing is written.
 
 The steps below each verb are here too: `load_job`, `plan_job`, `plan_compensation`; `read_campaign`,
 `diagnose_campaign`; `build_simulated_robot`, `evaluate_run`. Everything else is imported from its module. Names are

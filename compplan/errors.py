@@ -15,13 +15,13 @@ MANY = 12
 
 
 class CompplanError(Exception):
-    """Stand above every exception of this package, so that a caller may catch them all."""
+    """Base of every exception of this package, so that a caller may catch them all."""
 
     exit_status = 2
 
 
 class InputError(CompplanError):
-    """Tell that an input file, a table, a key or an argument is not what it has to be.
+    """An input file, a table, a key or an argument is not what it has to be.
 
     Args:
         message: What is wrong and what is expected.
@@ -48,11 +48,11 @@ class InputError(CompplanError):
 
 
 class ShapeError(CompplanError):
-    """Tell that an array does not have the shape that a function states."""
+    """An array does not have the shape that a function states."""
 
 
 class UnknownNameError(InputError):
-    """Tell that a name does not exist, and list the names there are.
+    """A name does not exist, and list the names there are.
 
     Args:
         kind: What is named, such as "frame" or "joint".
@@ -85,7 +85,7 @@ def find_near(name: str, choices: Sequence[str]) -> list[str]:
 
 
 class InfeasibleError(CompplanError):
-    """Tell that the request is sound but has no solution, and which waypoints and limits stop it.
+    """The request is sound but has no solution, and which waypoints and limits stop it.
 
     Args:
         message: What has no solution and what to do next.
@@ -102,7 +102,7 @@ class InfeasibleError(CompplanError):
 
 
 class ConvergenceError(CompplanError):
-    """Tell that an iteration did not reach its tolerance; carries the last residual for inspection."""
+    """An iteration did not reach its tolerance; carries the last residual for inspection."""
 
     exit_status = 3
 

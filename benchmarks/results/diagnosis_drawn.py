@@ -14,12 +14,12 @@ METHOD = (
     "`benchmarks.outsider` draws campaigns from the published file formats alone; its author had read neither the "
     "product nor the other generator. `benchmarks.diagnosis` asks the product by its command line, a plain "
     "rival (least squares with the whole vocabulary, greedy, with BIC), a plain calibration (geometry: all lengths, "
-    "zeros and compliances) and FIGAROH's geometric calibration, which name no effect. Shares stand with 95 % Wilson "
+    "zeros and compliances) and FIGAROH's geometric calibration, which name no effect. Shares have 95 % Wilson "
     "intervals."
 )
 CHART = Chart("share of campaigns, %", {"compplan": ("compplan", 2), "plain rival": ("rival", 2)}, rows=8)
 LIMITS = (
-    "Drawn robots. What measured robots show stands in [diagnosis_real](diagnosis_real.md).",
+    "Drawn robots. For measured robots see [diagnosis_real](diagnosis_real.md).",
     "Generator and vocabulary share the list of effects of the file format.",
     "Few campaigns: the intervals are wide.",
     "FIGAROH fits geometry to 400 rows at rest at most, without what the nominal springs bend; it has no compliances.",

@@ -49,7 +49,7 @@ COMMANDS = {
     "execute": "what the robot's controller makes of a program",
     "trace": "what a controller made of programs, identified from logs",
     "reproduce": "the figures of a paper beside ours",
-    "place": "where the part should stand",
+    "place": "where to place the part",
     "forces": "engagement and force along the path, and which coefficients fit a measured log",
     "view": "a plan in the browser, on this machine alone",
     "init": "write a commented job, a robot folder from a URDF, or an empty measurement log",

@@ -164,7 +164,7 @@ def take_cam_options(command: Command) -> Command:
     return add_options(
         click.option("--unit", type=click.Choice(["mm", "inch"]), help="Unit of a file that does not state one."),
         click.option("--from", "from_mm", metavar="X,Y,Z", callback=_read_place,
-                     help="Where cuts begin whose start a file leaves open: mm, part frame."),
+                     help="Start of cuts from an unknown position: mm, part frame."),
         click.option("--feed", "feed_mm_s", type=float, metavar="MM_S",
                      help="Feed of cutting moves for which the file states none."),
         click.option("--machine", metavar="NAME",

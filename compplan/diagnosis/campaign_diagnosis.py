@@ -9,7 +9,7 @@ from compplan.diagnosis.data.channels import position_residual
 from compplan.diagnosis.data.conventions import find_conventions
 from compplan.diagnosis.data.shared import LISTED, rank_number, rms_length
 from compplan.diagnosis.results.delivery import deliver_robot
-from compplan.diagnosis.results.posterior import size_named
+from compplan.diagnosis.results.posterior import set_calibrated_sizes
 from compplan.diagnosis.results.result import Candidate, Diagnosis, Gap
 from compplan.diagnosis.results.verdict import NAMING, Finding, Verdict, check_calibration, reach_verdict
 from compplan.diagnosis.search.fit import fit_effects
@@ -85,7 +85,7 @@ def _register(problem: Problem, campaign: Campaign) -> tuple[Registration | None
 def _with_conventions(verdict: Verdict, problem: Problem, known: int) -> Verdict:
     """Insert conventions that were found beforehand before the other findings."""
     beforehand = problem.fixed[known:]
-    found = tuple(Finding(e, MAP.most_sure, float("inf"), NAMING.most_margin, (), 1.0, -1) for e in beforehand)
+    found = tuple(Finding(e, MAP.most_probable, float("inf"), NAMING.most_margin, (), 1.0, -1) for e in beforehand)
     if not found:
         return verdict
     status = {"none": "explained", "unknown": "partly_explained"}.get(verdict.status, verdict.status)
@@ -111,7 +111,7 @@ def _conclude(
     refuse_open_frames(rms_length(before[good]), plain.of(good[plain.rows]).rms, campaign)
     first = deliver_robot(folds, verdict, plain, state, good)
     seen = good[plain.rows]
-    verdict, sizes = size_named(folds.fit, first.posterior, verdict, first.uncertainty.calibration)
+    verdict, sizes = set_calibrated_sizes(folds.fit, first.posterior, verdict, first.uncertainty.calibration)
     verdict = check_calibration(verdict, plain.of(seen).rms, first.held.of(seen).rms)
     gap = Gap(
         before=rms_length(before[good]),

@@ -20,7 +20,7 @@ from compplan.diagnosis.data.shared import SEED
 from compplan.diagnosis.evidence.candidates import in_background
 from compplan.diagnosis.results.result import Diagnosis, place_table
 from compplan.diagnosis.results.verdict import CLAIMED, Finding, motion_of
-from compplan.diagnosis.search.state import Fit, FitState, Problem, attain_state, build_state, stands
+from compplan.diagnosis.search.state import Fit, FitState, Problem, attain_state, build_state, has_equilibrium
 from compplan.diagnosis.validation.bounds import find_breach
 from compplan.effects import Effect
 from compplan.effects.forward_model import Attained
@@ -129,15 +129,15 @@ def check_self_test(campaign: Campaign) -> None:
 
 def _choose_signatures(fit: Fit, rng: np.random.Generator) -> Iterator[int]:
     """Choose signatures to plant: every name once in random order, then again, at a random place and form."""
-    search, own = fit.search, dict[str, dict[Place, list[int]]]()
+    search, by_name = fit.search, dict[str, dict[Place, list[int]]]()
     for number in search.candidates:
         signature = search.equations.signatures[number]
         # rows and periods found in this log do not belong to the vocabulary
         if signature.tried == 1 and signature.name not in fit.problem.excluded:
-            own.setdefault(signature.name, {}).setdefault(signature.place, []).append(number)
+            by_name.setdefault(signature.name, {}).setdefault(signature.place, []).append(number)
     for _ in range(TRIES):
-        for name in rng.permutation(sorted(own)):
-            forms = list(own[str(name)].values())
+        for name in rng.permutation(sorted(by_name)):
+            forms = list(by_name[str(name)].values())
             yield int(rng.choice(forms[int(rng.integers(len(forms)))]))
 
 
@@ -150,7 +150,7 @@ def _plant(fit: Fit, number: int, rng: np.random.Generator) -> PlantedEffect | N
         sizes = np.zeros(equations.p)
         sizes[columns] = [state.values.get(equations.names[c], 0.0) / equations.scale[c] for c in columns]
         moved = motion_of(fit.search, columns, sizes)
-        if not sizes.any() or not stands(problem, state):
+        if not sizes.any() or not has_equilibrium(problem, state):
             continue
         effect = state.effects[len(problem.fixed)]
         if not find_breach(fit, effect, moved, moved):

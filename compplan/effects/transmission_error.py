@@ -19,7 +19,7 @@ from compplan.effects.linearization import Linearization
 from compplan.effects.signature import Effect, Signature
 from compplan.robot import Array, Robot
 from compplan.statics.chain import Chain, joint_jacobian, locate_frames
-from compplan.toolpath.toolpath import pick_even
+from compplan.toolpath.toolpath import select_even
 
 name = "transmission_error"
 words = "{at} has an error periodic in its angle"
@@ -142,7 +142,7 @@ def weigh_joints(chain: Chain, q: Array, robot: Robot) -> Array:
 
     with the lost motion of the folder if stated, otherwise an assumed one; relative to the mean. Shape (nq,).
     """
-    some = pick_even(q, LOOKED_AT)
+    some = select_even(q, LOOKED_AT)
     columns = joint_jacobian(chain, locate_frames(chain, some))[:, :3]
     lever = np.einsum("nij,nij->j", columns, columns) / len(some)
     stated = list_plays(robot)

@@ -66,7 +66,7 @@ def identify_campaign(
     rows, notes = take_rows(campaign, frames, chosen.loss)
     if rows.encoder is not None or len(set(rows.taken.link_controlled.tolist())) > 1:
         chosen = replace(chosen, link_side=True)
-    screened, outliers, said = screen_outliers(IdentifyProblem(robot, chosen, rows))
+    screened, outliers, outlier_notes = screen_outliers(IdentifyProblem(robot, chosen, rows))
     progress("geometry")
     problem, more = choose_reference(choose_geometry(screened))
     progress(f"compliances, geometry {problem.geometry}")
@@ -78,12 +78,12 @@ def identify_campaign(
     updated = update_robot(robot, kept, source=source)
     gap = measure_gap(replace(problem.rows, registration=frames), structure, kept)
     sigma = float(np.median(rows.deviation[:, 0]))
-    known = identified_uncertainty(updated, kept, gap, difference=problem.difference, sigma=sigma, source=source)
+    uncertainty = identified_uncertainty(updated, kept, gap, difference=problem.difference, sigma=sigma, source=source)
     if "base" in chosen.register or campaign.free_base:
-        known = free_base(robot, known)
-    notes += [*said, *more, *_describe_clustered(kept)]
+        uncertainty = free_base(robot, uncertainty)
+    notes += [*outlier_notes, *more, *_describe_clustered(kept)]
     return Identification(
-        robot=replace(updated, uncertainty=known),
+        robot=replace(updated, uncertainty=uncertainty),
         nominal=robot,
         estimate=estimate,
         kept=kept,

@@ -133,8 +133,8 @@ def fit_rows(structure: FreeRobot, rows: Rows) -> Estimate:
     parameters = (*structure.parameters, *frame_parameters(rows.registration, rows.turned))
     state = attain_fit(structure, structure.nominal, rows, rows.registration)
     system = linearise(rows, state)
-    told = project_out_rotations(system, rows.taken.observations, rows.registration)
-    matrix = information(told, told.whitener(np.ones(BLOCKS)), rows.group)
+    identifiable_system = project_out_rotations(system, rows.taken.observations, rows.registration)
+    matrix = information(identifiable_system, identifiable_system.whitener(np.ones(BLOCKS)), rows.group)
     free = find_inseparable(matrix, parameters)
     held = explain_held(rows.taken, state, matrix, parameters, free)
     _check_enough(system, free, held)
@@ -227,9 +227,9 @@ def explain_held(
     for k, mates in find_similar(information, sizes, free):
         names = tuple(parameters[j].name for j in mates)
         if mates:
-            reason = _why_together(log, state, [parameters[j] for j in (k, *mates)])
+            reason = _explain_inseparable(log, state, [parameters[j] for j in (k, *mates)])
         else:
-            reason = _why_never(log, state, parameters[k])
+            reason = _explain_undetermined(log, state, parameters[k])
         found.append(Inseparable(parameters[k].name, names, reason))
     return tuple(found)
 
@@ -240,7 +240,7 @@ def _loads_are_vertical(load: Array) -> bool:
     return bool(across < 1e-9 * max(np.abs(load[:, 2]).max(initial=0.0), 1e-300))
 
 
-def _why_never(log: Campaign, state: RowState, parameter: Parameter) -> str:
+def _explain_undetermined(log: Campaign, state: RowState, parameter: Parameter) -> str:
     load, chain = log.wrench, state.structure.chain
     gravity = chain.gravity.any() and chain.mass.any()
     if parameter.kind in ("geometry", "effect", "base", "tool", "contact"):
@@ -264,7 +264,7 @@ def _why_never(log: Campaign, state: RowState, parameter: Parameter) -> str:
     return "these loads hardly move the measured point by it; load it more, or measure orientation"
 
 
-def _why_together(log: Campaign, state: RowState, parameters: Sequence[Parameter]) -> str:
+def _explain_inseparable(log: Campaign, state: RowState, parameters: Sequence[Parameter]) -> str:
     kinds, rigid = {parameter.kind for parameter in parameters}, {"base", "tool", "contact", "geometry"}
     if len(parameters) == 2 and _same_axis(state, parameters):
         return "both turn about (or slide along) the same axis under the same load, so only their sum acts"
@@ -278,11 +278,11 @@ def _why_together(log: Campaign, state: RowState, parameters: Sequence[Parameter
 
 
 def _same_axis(state: RowState, parameters: Sequence[Parameter]) -> bool:
-    own = [parameter.coordinate(state.scene.robot) for parameter in parameters]
-    if min(own) < 0:
+    coordinates = [parameter.coordinate(state.scene.robot) for parameter in parameters]
+    if min(coordinates) < 0:
         return False
     chain, frames = state.attained.chain, state.loaded
-    first, second = (chain.spring_elements[at] for at in own)
+    first, second = (chain.spring_elements[at] for at in coordinates)
     if chain.translates[first] != chain.translates[second]:
         return False
     apart = frames.origin[:, first] - frames.origin[:, second]

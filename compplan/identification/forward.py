@@ -20,7 +20,7 @@ from compplan.robot import Array
 from compplan.statics.chain import Frames, load_elements
 
 #: Tolerance of the elastic coordinates during a fit. [rad or m]
-SETTLED = 1e-12
+EQUILIBRIUM_TOLERANCE = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,9 +77,9 @@ def attain_fit(structure: FreeRobot, values: Array, rows: Rows, frames: Registra
     effects = [*structure.known, *structure.effects(values)]
     whole = any(effect.name not in ("joint_offset", "link_geometry") for effect in effects)
     log = rows.campaign if whole else rows.taken
-    scene = apply_effects(build_model(structure.soften(values), log, registration=frames), effects)
+    scene = apply_effects(build_model(structure.set_compliances(values), log, registration=frames), effects)
     index = rows.row if whole else np.arange(len(rows))
-    return RowState(structure, values, frames, scene, solve_model_poses(scene, tolerance=SETTLED), index)
+    return RowState(structure, values, frames, scene, solve_model_poses(scene, tolerance=EQUILIBRIUM_TOLERANCE), index)
 
 
 def pose_residuals(rows: Rows, state: RowState) -> Array:
@@ -94,10 +94,10 @@ def encoder_residuals(rows: Rows, state: RowState) -> Array | None:
         return None
     attained = state.attained
     expected = (attained.link - attained.motor)[state.index]
-    seen = [k for k, spring in own_springs(state.structure.robot).items() if spring.actuator]
+    measured = [k for k, spring in own_springs(state.structure.robot).items() if spring.actuator]
     if not state.structure.forms:
-        silent = np.setdiff1d(np.arange(expected.shape[1]), seen)
-        expected[:, silent] = np.nan
+        unmeasured = np.setdiff1d(np.arange(expected.shape[1]), measured)
+        expected[:, unmeasured] = np.nan
     return np.asarray(rows.encoder - expected)
 
 
@@ -111,17 +111,17 @@ def differentiate(rows: Rows, state: RowState) -> tuple[Array, Array]:
     structure, n = state.structure, len(rows)
     pose = np.zeros((n, 6, len(structure.parameters)))
     encoder = np.zeros((n, structure.robot.nq, len(structure.parameters)))
-    chain, own = state.attained.chain, own_springs(state.scene.robot)
+    chain, springs = state.attained.chain, own_springs(state.scene.robot)
     motion = element_twists(state.attained, state.attained.chain.spring_elements, state.attained.target)[state.index]
     # actuators controlled by their link-side encoder do not deflect
     motion = motion * ~(state.link_side[:, None] & chain.actuator)[:, None, :]
-    seen = {spring.coordinate: spring for spring in own.values() if spring.actuator}
+    measured = {spring.coordinate: spring for spring in springs.values() if spring.actuator}
     for k, parameter in enumerate(structure.parameters):
         at = parameter.coordinate(state.scene.robot)
         if at >= 0:
             pose[:, :, k] = motion[:, :, at] * state.torque[:, None, at]
-        if at in seen:
-            encoder[:, seen[at].joint, k] = seen[at].sign * state.torque[:, at]
+        if at in measured:
+            encoder[:, measured[at].joint, k] = measured[at].sign * state.torque[:, at]
     _add_effects(state, pose, encoder)
     R, log = state.frames.base[:3, :3], rows.taken
     pose = np.concatenate([np.einsum("ij,njp->nip", R, pose[:, :3]), np.einsum("ij,njp->nip", R, pose[:, 3:])], axis=1)

@@ -79,7 +79,7 @@ class FreeRobot:
         found = {p.form.column_names: p.form for p in self.parameters if p.form is not None}
         return tuple(found.values())
 
-    def soften(self, values: Array) -> Robot:
+    def set_compliances(self, values: Array) -> Robot:
         """Return the robot with given compliances, which may be negative."""
         springs = list(self.robot.springs)
         for parameter, value in zip(self.parameters, values, strict=True):
@@ -91,17 +91,17 @@ class FreeRobot:
         """Return the effects with given values."""
         found = []
         for form in self.forms:
-            own = np.zeros(len(form.keys))
+            sizes = np.zeros(len(form.keys))
             for parameter, value in zip(self.parameters, values, strict=True):
                 if parameter.form is not None and parameter.form.column_names == form.column_names:
-                    own[parameter.item] = value
-            found.append(form.effect(own))
+                    sizes[parameter.item] = value
+            found.append(form.effect(sizes))
         return found
 
     def select(self, keep: Iterable[str]) -> FreeRobot:
         """Keep the named parameters free; the others are held at their nominal values."""
-        wanted = set(keep)
-        return replace(self, parameters=tuple(p for p in self.parameters if p.name in wanted))
+        requested = set(keep)
+        return replace(self, parameters=tuple(p for p in self.parameters if p.name in requested))
 
 
 def build_structure(
@@ -125,13 +125,13 @@ def build_structure(
     """
     elastic = replace(robot, springs=(*robot.springs, *add))
     present = number_twins([label_spring(spring) for spring in elastic.springs])
-    wanted = present if springs is None else list(springs)
-    for name in wanted:
+    requested = present if springs is None else list(springs)
+    for name in requested:
         if name not in present:
             raise UnknownNameError("spring", name, present)
     free: list[Parameter] = []
     for number, (name, spring) in enumerate(zip(present, elastic.springs, strict=True)):
-        if name in wanted:
+        if name in requested:
             unit = "m/N" if spring_slides(robot, spring) else "rad/(N m)"
             size = spring.compliance or TYPICAL_SIZE[unit]
             kind = "joint" if is_own(robot, spring) else "spring"

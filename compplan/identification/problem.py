@@ -29,7 +29,7 @@ class IdentifySettings:
     """Thresholds of an identification."""
 
     #: Least ratio of absolute noise to noise of differences of one pose from which differences are preferred.
-    quieter: float = 1.5
+    least_noise_ratio: float = 1.5
     #: Fewest unloaded poses from which frames are fitted to these alone.
     unloaded_poses: int = 10
     #: Fewest poses from which geometry is fitted.
@@ -94,20 +94,20 @@ class IdentifyProblem:
         robot, options = self.robot, self.options
         demanded = tuple(read_spring(robot, name) for name in options.add)
         present = replace(robot, springs=(*robot.springs, *demanded))
-        own = () if options.springs is not None else missing_springs(present)
-        present = replace(present, springs=(*present.springs, *own))
+        missing = () if options.springs is not None else missing_springs(present)
+        present = replace(present, springs=(*present.springs, *missing))
         beyond = link_springs(present) if options.link_side else ()
         springs = None
         if options.springs is not None:
             springs = (*options.springs, *(label_spring(spring) for spring in (*demanded, *beyond)))
-        added = (*demanded, *own, *beyond)
+        added = (*demanded, *missing, *beyond)
         return build_structure(robot, springs=springs, add=added, forms=self.forms())
 
     def demanded(self, structure: FreeRobot) -> list[str]:
         """List the parameters kept without a test: those of the nominal model, and requested ones."""
-        asked = {label_spring(spring) for spring in self.robot.springs}
-        asked |= {*self.options.add, *(self.options.springs or ())}
-        return [p.name for p in structure.parameters if p.name in asked or p.kind not in ("joint", "spring")]
+        requested = {label_spring(spring) for spring in self.robot.springs}
+        requested |= {*self.options.add, *(self.options.springs or ())}
+        return [p.name for p in structure.parameters if p.name in requested or p.kind not in ("joint", "spring")]
 
     def fit(self, structure: FreeRobot) -> Estimate:
         """Fit a structure."""
@@ -124,9 +124,9 @@ def place_frames(robot: Robot, campaign: Campaign, parts: tuple[str, ...]) -> Re
         quiet = rows & campaign.unloaded
         if count_poses(campaign.q[quiet]) >= IDENTIFY.unloaded_poses:
             rows = quiet
-        seen = solve_model_poses(apply_effects(build_model(robot, campaign), robot_effects(robot)))
+        attained = solve_model_poses(apply_effects(build_model(robot, campaign), robot_effects(robot)))
         start = None if set(parts) & set(PARTS) else known
-        return fit_registration(campaign, seen.position, seen.rotation, parts, rows=rows, start=start)
+        return fit_registration(campaign, attained.position, attained.rotation, parts, rows=rows, start=start)
     return Registration.identity(campaign, ()) if known is None else replace(known, parts=())
 
 
@@ -159,18 +159,18 @@ def screen_outliers(problem: IdentifyProblem) -> tuple[IdentifyProblem, tuple[in
     richest = replace(problem, geometry=geometry)
     apart = richest.fit(richest.structure()).weights < IDENTIFY.outlier_weight
     if apart.mean() > IDENTIFY.most_outliers:
-        said = f"{apart.mean():.0%} of the rows lie apart from every model tried, too many for gross outliers"
+        sentence = f"{apart.mean():.0%} of the rows lie apart from every model tried, too many for gross outliers"
         wide = replace(problem, rows=replace(rows, loss="huber"))
-        return wide, (), [f"{said}: all are kept, with Huber's loss"]
+        return wide, (), [f"{sentence}: all are kept, with Huber's loss"]
     kept = replace(rows, row=rows.row[~apart], loss="least_squares")
     return replace(problem, rows=kept), tuple(rows.row[apart].tolist()), []
 
 
 def choose_geometry(problem: IdentifyProblem) -> IdentifyProblem:
     """Select the level of geometry that improves held-out poses."""
-    wanted = problem.options.geometry
-    if wanted != "auto" or problem.options.reference == "difference":
-        return replace(problem, geometry="none" if wanted == "auto" else wanted)
+    requested = problem.options.geometry
+    if requested != "auto" or problem.options.reference == "difference":
+        return replace(problem, geometry="none" if requested == "auto" else requested)
     if problem.rows.poses < IDENTIFY.geometry_poses:
         return problem
     best, score = problem, held_out_score(problem, problem.fit(problem.structure()))
@@ -189,11 +189,11 @@ def held_out_score(problem: IdentifyProblem, estimate: Estimate) -> Array:
 
 def choose_reference(problem: IdentifyProblem) -> tuple[IdentifyProblem, list[str]]:
     """Select differences under other loads if these are much less noisy than absolute poses."""
-    wanted, rows = problem.options.reference, problem.rows
+    requested, rows = problem.options.reference, problem.rows
     apart = replace(rows, reference="difference", registration=replace(rows.registration, parts=()))
     differences = replace(problem, geometry="none", rows=apart)
-    if wanted != "auto":
-        return (differences if wanted == "difference" else problem), []
+    if requested != "auto":
+        return (differences if requested == "difference" else problem), []
     loads, group = np.round(rows.taken.wrench, 1), rows.alike
     several = [len(np.unique(loads[group == k], axis=0)) > 1 for k in range(int(group.max()) + 1)]
     if np.mean(np.asarray(several)[group]) < 0.5:
@@ -203,7 +203,7 @@ def choose_reference(problem: IdentifyProblem) -> tuple[IdentifyProblem, list[st
     except InputError:
         return problem, []
     ratio = float(absolute.noise[0] / relative.noise[0])
-    if ratio < IDENTIFY.quieter:
+    if ratio < IDENTIFY.least_noise_ratio:
         return problem, []
     return differences, [
         f"poses are compared with themselves under other loads: absolute positions scatter {ratio:.1f} times as much,"
@@ -217,14 +217,14 @@ def select_springs(problem: IdentifyProblem, structure: FreeRobot, full: Estimat
     Compliances below zero are dropped, and candidates less than `least_ratio` standard errors above zero. `full` is the
     fit of all parameters of the structure; its inseparable parameters are held.
     """
-    asked = set(problem.demanded(structure))
+    requested = set(problem.demanded(structure))
     names = [name for name, free in zip(full.names, full.free, strict=True) if free and name in structure.names]
     dropped: list[str] = []
     while True:
         estimate = problem.fit(_make_rigid(structure.select(names), dropped))
-        own = zip(estimate.structure.parameters, estimate.model_values, estimate.standard_errors, strict=False)
-        ratio = {p.name: value / max(error, 1e-300) for p, value, error in own if p.kind in ("joint", "spring")}
-        weak = [(r, name) for name, r in ratio.items() if r < (0.0 if name in asked else IDENTIFY.least_ratio)]
+        fitted = zip(estimate.structure.parameters, estimate.model_values, estimate.standard_errors, strict=False)
+        ratio = {p.name: value / max(error, 1e-300) for p, value, error in fitted if p.kind in ("joint", "spring")}
+        weak = [(r, name) for name, r in ratio.items() if r < (0.0 if name in requested else IDENTIFY.least_ratio)]
         if not weak:
             return estimate
         dropped.append(min(weak)[1])

@@ -54,8 +54,8 @@ def reduce_model(
         InputError: If no joint compliance can be identified from these poses and loads.
         ShapeError: If an array does not have the shape above.
     """
-    own = {spring.joint: spring.compliance for spring in full.springs if spring.axis == "own"}
-    start = [own.get(name, 1e-6) for name in full.joint_names] if typical is None else list(typical)
+    joint_compliance = {spring.joint: spring.compliance for spring in full.springs if spring.axis == "own"}
+    start = [joint_compliance.get(name, 1e-6) for name in full.joint_names] if typical is None else list(typical)
     springs = tuple(
         Spring(name, "own", float(c), actuator=True) for name, c in zip(full.joint_names, start, strict=True)
     )

@@ -19,10 +19,10 @@ from compplan.uncertainty.assumed import assume_geometry, assume_held
 def update_robot(robot: Robot, estimate: Estimate, *, source: str) -> Robot:
     """Return the robot with the identified values; added springs without positive compliance are omitted."""
     structure, values = estimate.structure, estimate.model_values
-    soft = structure.soften(values)
+    soft = structure.set_compliances(values)
     springs = tuple(
         spring for spring, old in zip(soft.springs, structure.robot.springs, strict=True)
-        if spring.compliance > 0.0 or any(old is own for own in robot.springs)
+        if spring.compliance > 0.0 or any(old is present for present in robot.springs)
     )  # fmt: skip
     sources = {**robot.sources, "compliance": source}
     if any(parameter.kind == "geometry" for parameter in structure.parameters):
@@ -86,10 +86,10 @@ def _name_unknowns(structure: FreeRobot, kept: Estimate) -> tuple[list[Unknown],
         form = parameter.form
         if form is None or parameter.item > 0 or is_of_instrument(form.name):
             continue
-        own = {p.item: k for k, p in enumerate(structure.parameters) if p.form is form}
-        if len(own) == len(form.keys) and any(kept.free[k] for k in own.values()):
-            found.append(Unknown(form.name, form.joint, form.axis, form.keys, np.zeros(len(own)), form.fixed))
-            picked += [own[item] for item in range(len(own))]
+        indices = {p.item: k for k, p in enumerate(structure.parameters) if p.form is form}
+        if len(indices) == len(form.keys) and any(kept.free[k] for k in indices.values()):
+            found.append(Unknown(form.name, form.joint, form.axis, form.keys, np.zeros(len(indices)), form.fixed))
+            picked += [indices[item] for item in range(len(indices))]
     return found, picked
 
 
@@ -111,18 +111,18 @@ def measure_gap(rows: Rows, structure: FreeRobot, kept: Estimate) -> IdentifiedG
     absolute, compared = replace(rows, reference="absolute"), replace(rows, reference="difference")
     everywhere, group = np.ones(len(rows), bool), rows.alike
     bare = fit_rows(structure.select([]), absolute)
-    shown = kept
+    shown, fitted = kept, kept.structure
     if rows.reference == "difference":
-        moved = fold_effects(kept.structure.soften(kept.model_values), kept.structure.effects(kept.model_values))
-        shown = fit_rows(replace(kept.structure, robot=moved, parameters=()), absolute)
+        moved = fold_effects(fitted.set_compliances(kept.model_values), fitted.effects(kept.model_values))
+        shown = fit_rows(replace(fitted, robot=moved, parameters=()), absolute)
     several = len(np.unique(group)) < 0.7 * len(group) and np.abs(rows.taken.wrench).max(initial=0.0) > 0
 
-    def held_out(estimate: Estimate, own: Rows = absolute) -> float:
+    def held_out(estimate: Estimate, used: Rows = absolute) -> float:
         free = estimate.free.copy()
-        if own is compared:
+        if used is compared:
             # Frames and geometry cancel in differences of one pose.
             free &= np.array([p.kind in ("joint", "spring") for p in estimate.parameters], bool)
-        return distance_rms(leave_poses_out(own, replace(estimate, weights=kept.weights), free).residual, everywhere)
+        return distance_rms(leave_poses_out(used, replace(estimate, weights=kept.weights), free).residual, everywhere)
 
     return IdentifiedGap(
         before=distance_rms(bare.residuals, everywhere),

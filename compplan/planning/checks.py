@@ -44,7 +44,7 @@ from compplan.simulation.simulated_robot import (
 )
 from compplan.simulation.vibration import build_dynamics
 from compplan.statics.inertia import smooth_loads
-from compplan.toolpath.toolpath import pick_even
+from compplan.toolpath.toolpath import select_even
 from compplan.uncertainty.motion import Motion, greatest_shift
 
 #: Factors on limits for rounding: of the planner's differences, and of other difference formulas.
@@ -158,7 +158,7 @@ def _check_models(task: PlanTask, q: Array, after: Evaluation) -> Check:
     """Compare the loaded tip of planner and independent check at some waypoints of the cut."""
     rows, apart, worst = np.flatnonzero(after.cut), 0.0, 0
     if len(rows):
-        rows = pick_even(rows, COMPARED)
+        rows = select_even(rows, COMPARED)
         away = np.linalg.norm(attain_rows(task, q, rows, slope=False).position - after.position[rows], axis=1)
         apart, worst = float(away.max()), int(rows[away.argmax()])
     sentence = (f"the planner and the independent check place the loaded tip {state_mm(apart)} apart "

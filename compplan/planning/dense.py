@@ -32,7 +32,7 @@ from compplan.planning.task import (
 )
 from compplan.robot import Array
 from compplan.statics.stiffness import attain_pose
-from compplan.toolpath.toolpath import interpolate, pick_even
+from compplan.toolpath.toolpath import interpolate, select_even
 
 LOG = logging.getLogger(__name__)
 
@@ -79,7 +79,7 @@ def solve_path(task: PlanTask, near: Array | None = None) -> PathSolution:
     stations, released, lost = pick_stations(task, most), task.missed.copy(), np.flatnonzero(task.missed)
     q = correct_pose(task, task.q_start if near is None else near, lost)
     leaving = _find_leaving(task, q, lost)
-    stations = np.union1d(np.setdiff1d(stations, lost), np.r_[leaving, pick_even(lost, STATIONS)])
+    stations = np.union1d(np.setdiff1d(stations, lost), np.r_[leaving, select_even(lost, STATIONS)])
     q[leaving] = np.clip(task.q_start[leaving], task.robot.lower, task.robot.upper)
     if released.any() or (len(leaving) and not task.redundant):  # Newton steps found the only solution
         released[stations] = True
@@ -238,4 +238,4 @@ def _find_leaving(task: PlanTask, q: Array, stations: NDArray[np.int_]) -> NDArr
         missed[:] = False  # lost motion at a reversal does not violate a limit; the evaluation includes it
     far = task.compensated & (measure_correction(task, q) > task.max_correction + AT_CORRECTION)
     outside = ((q < task.robot.lower - 1e-9) | (q > task.robot.upper + 1e-9)).any(axis=1)
-    return pick_even(np.setdiff1d(np.flatnonzero(missed | far | outside), stations), MOST_MORE)
+    return select_even(np.setdiff1d(np.flatnonzero(missed | far | outside), stations), MOST_MORE)

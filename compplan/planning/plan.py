@@ -40,7 +40,7 @@ from compplan.robot import Array, Robot, load_robot
 from compplan.simulation.vibration import build_dynamics
 from compplan.statics.chain import Chain, build_chain
 from compplan.toolpath.contact import check_tool_x
-from compplan.toolpath.toolpath import Toolpath, check_toolpath, pick_even
+from compplan.toolpath.toolpath import Toolpath, check_toolpath, select_even
 from compplan.uncertainty.posture_errors import posture_errors
 from compplan.uncertainty.sensitivities import ForceSpread, read_force_spread
 from compplan.uncertainty.touch_off import TouchOff, read_touch, touch_part
@@ -194,7 +194,7 @@ def _state_task(robot: Robot, chain: Chain, options: PlanOptions, start: Start) 
     nominal = start.nominal
     compensated = ~nominal.rapid
     compensated[find_contacts(nominal.rapid)] = True
-    few = pick_even(start.q, 5)
+    few = select_even(start.q, 5)
     task = PlanTask(
         robot=robot, chain=chain, nominal=nominal, rotation=start.rotation, wrench=np.zeros((len(nominal), 6)),
         compensated=compensated, q_start=start.q, configuration=start.configuration, missed=start.missed,

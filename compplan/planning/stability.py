@@ -14,7 +14,7 @@ from compplan.simulation.vibration import build_dynamics, find_modes
 from compplan.statics.chain import jacobian, load_elements, locate_frames
 from compplan.statics.elastic import solve_equilibrium
 from compplan.toolpath.contact import path_axes
-from compplan.toolpath.toolpath import pick_even
+from compplan.toolpath.toolpath import select_even
 
 #: Most waypoints tested for buckling.
 TRIED = 400
@@ -22,7 +22,7 @@ TRIED = 400
 
 def explain_buckling(task: PlanTask) -> InfeasibleError | None:
     """Find a waypoint without loaded equilibrium, and the joint that yields the most; None if all have one."""
-    for row in pick_even(np.flatnonzero(task.compensated), TRIED).tolist():
+    for row in select_even(np.flatnonzero(task.compensated), TRIED).tolist():
         q, wrench = task.q_start[[row]], task.wrench[[row]]
         try:
             solve_equilibrium(task.chain, q, wrench, tolerance=1e-9)
@@ -54,7 +54,7 @@ def describe_depth_limit(task: PlanTask, q: Array) -> str:
     touches = cutting.engagement.touches & ~cutting.rapid
     if not dynamics.known or not touches.any():
         return ""
-    rows, process = pick_even(np.flatnonzero(touches), PLACES), cutting.process
+    rows, process = select_even(np.flatnonzero(touches), PLACES), cutting.process
     there = np.clip(np.searchsorted(task.nominal.arc_length, cutting.arc[rows] - 1e-12), 0, len(task.nominal) - 1)
     tool, axes = process.tool_mode, path_axes(task.nominal)[there]
     feed = process.feed_per_tooth(task.nominal.feed[there])

@@ -22,7 +22,7 @@ from compplan.robot import Array, Robot
 from compplan.statics.chain import Chain, joint_jacobian, locate_frames
 from compplan.statics.ik import build_arm, refine_ik
 from compplan.statics.stiffness import AttainedPose, attain_pose, chunk_rows
-from compplan.toolpath.toolpath import Toolpath, interpolate, pick_even
+from compplan.toolpath.toolpath import Toolpath, interpolate, select_even
 from compplan.uncertainty.touch_off import TouchedPart
 
 #: Smoothing time of the motion without a known natural frequency. [s]
@@ -223,7 +223,7 @@ def pick_worst(rows: NDArray[np.int_], score: Array, most: int) -> NDArray[np.in
     """Pick at most `most` of rows (k,): half with the greatest scores (k,), the others evenly."""
     if len(rows) <= most:
         return rows
-    return np.union1d(rows[np.argsort(score)[-most // 2 :]], pick_even(rows, most // 2))
+    return np.union1d(rows[np.argsort(score)[-most // 2 :]], select_even(rows, most // 2))
 
 
 def count_equations(chain: Chain, *, spin_free: bool) -> int:

@@ -39,7 +39,7 @@ from compplan.planning.task import PlanTask
 from compplan.robot import Array
 from compplan.simulation.torque import TorqueRules
 from compplan.statics.chain import locate_frames
-from compplan.toolpath.corners import find_roundings, find_shares
+from compplan.toolpath.corners import compute_parameters, find_roundings
 from compplan.toolpath.toolpath import interpolate
 
 #: Share of the programmed feed below which a feed is reduced.
@@ -273,7 +273,7 @@ def overlap_legs(time: Array, position: Array, feed: Array, spans: list[tuple[in
     """
     step = np.diff(time)
     for first, middle, last in spans:
-        u, share = find_shares(position[first : last + 1])
+        u, share = compute_parameters(position[first : last + 1])
         steps = np.linalg.norm(np.diff(position[first : last + 1], axis=0), axis=1)
         reach, before = share * steps.sum(), steps[: middle - first].sum()
         ways = np.linalg.norm(position[[first, last + 1]] - position[[first - 1, last]], axis=1)

@@ -24,9 +24,9 @@ from compplan.toolpath.contact import (
     Frame,
     PathForceTable,
     contact_share,
+    lateral_share,
     path_axes,
     tool_axes,
-    travel_across,
 )
 from compplan.toolpath.toolpath import Toolpath
 
@@ -196,7 +196,7 @@ def _check_travel(frame: Frame, wrench: Array, nominal: Toolpath) -> None:
     cut = ~nominal.rapid
     if frame != "path" or not (cut & (np.abs(wrench[:, [0, 1, 3, 4]]).max(axis=1) > 0.0)).any():
         return
-    if not (cut & (travel_across(nominal) > ASIDE)).any():
+    if not (cut & (lateral_share(nominal) > ASIDE)).any():
         message = (
             "the force has a part along or beside the travel, and no cutting move goes across the tool axis: it has no "
             'direction; for drilling give model = "drill", or a constant force with frame = "part"'

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.diagnosis import Diagnosis
-from compplan.diagnosis.data.conventions import name_counting
+from compplan.diagnosis.data.conventions import name_convention
 from compplan.diagnosis.results.assessment import Assessment, Correction, Pose, assess_diagnosis
 from compplan.diagnosis.results.next_measurement import propose_measurements
 from compplan.diagnosis.results.shares import CALIBRATION, Share
@@ -133,8 +133,8 @@ def render_diagnosis(
         + (f"({effect['beyond']})." if "beyond" in effect else f"(probability {effect['probability']:.2f}).")
         for effect in verdict.get("doubtful", [])
     ]
-    if counting := name_counting(robot, [finding.effect for finding in diagnosis.verdict.findings]):
-        notes.append(f"The joints of the log are counted as a {counting} counts them.")
+    if convention := name_convention(robot, [finding.effect for finding in diagnosis.verdict.findings]):
+        notes.append(f"The joints of the log are counted as a {convention} counts them.")
     caption = "Share of the error by place. Lines: 95 % intervals; where one is long, another place explains it as well"
     picture = Chart(draw_gap_shares(split.shares.by_place, "place"), f"{caption}.", 330)
     todo = words.describe_next(verdict, kind, words.list_poses(table, "below"))

@@ -24,7 +24,7 @@ def write_placement(result: PlaceResult, job: Job, folder: Path) -> dict[str, An
     unknown = ["the uncertainty of the robot (job: [posture.uncertainty])"]
     origin = Provenance([("robot", summary["robot"])], unknown if "uncertainty_assumed" in summary else [])
     html = render_page(
-        f"{summary['robot']}: where the part should stand", open_placement(summary, result), [], kind="Placement",
+        f"{summary['robot']}: where to place the part", open_placement(summary, result), [], kind="Placement",
         provenance=origin,
     )  # fmt: skip
     with replace_folder(folder, "place") as part:

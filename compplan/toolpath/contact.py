@@ -62,7 +62,7 @@ def path_axes(nominal: Toolpath) -> Array:
 
     Shape (n, 3, 3).
     """
-    travel = _travel(nominal)
+    travel = _move_directions(nominal)
     across = travel - np.sum(travel * nominal.axis, axis=1, keepdims=True) * nominal.axis
     known = np.linalg.norm(across, axis=1) > ASIDE
     cutting = known & ~nominal.rapid
@@ -75,14 +75,14 @@ def path_axes(nominal: Toolpath) -> Array:
     return np.stack([x, np.cross(nominal.axis, x), nominal.axis], axis=2)
 
 
-def travel_across(nominal: Toolpath) -> Array:
+def lateral_share(nominal: Toolpath) -> Array:
     """Return the component of each move perpendicular to the tool axis: 0 in a plunge or a retract. Shape (n,)."""
-    return np.asarray(np.linalg.norm(np.cross(_travel(nominal), nominal.axis), axis=1))
+    return np.asarray(np.linalg.norm(np.cross(_move_directions(nominal), nominal.axis), axis=1))
 
 
-def lifts(nominal: Toolpath) -> NDArray[np.bool_]:
+def find_retracts(nominal: Toolpath) -> NDArray[np.bool_]:
     """Find the moves that retract the tool, more along its axis than across it. Shape (n,)."""
-    travel = _travel(nominal)
+    travel = _move_directions(nominal)
     rise = np.einsum("ni,ni->n", travel, nominal.axis)
     return np.asarray(rise > STEEP * np.linalg.norm(travel, axis=1))
 
@@ -93,7 +93,7 @@ def last_set(flags: NDArray[np.bool_]) -> NDArray[np.int_]:
     return np.asarray(rows[np.maximum(np.searchsorted(rows, np.arange(len(flags)), side="right") - 1, 0)])
 
 
-def _travel(nominal: Toolpath) -> Array:
+def _move_directions(nominal: Toolpath) -> Array:
     """Return the direction of the move that ends at each waypoint, 0 at rest. Shape (n, 3)."""
     steps = np.diff(nominal.position, axis=0)
     travel = np.vstack([steps[:1], steps])

@@ -30,12 +30,12 @@ KEPT, SLOWED = 2, 4
 #: Points on a rounded corner, by its power; greatest share of the distance to the next corner that one may occupy.
 ROUND_POINTS, SHARE = {KEPT: 7, SLOWED: 17}, 0.45
 #: Share of the tolerance that is used next to an arc; least turn between the chords of an arc. [1, rad]
-BESIDE_ARC, BEND = 0.95, 1e-4
+ARC_SHARE, BEND = 0.95, 1e-4
 #: Greatest bulge of a leg of a corner, as a share of the allowed deviation at the corner.
 ON_LINE = 0.1
 #: Greatest distance of the commanded tip from the legs of a corner, in multiples of the allowed deviation there:
 #: beyond it, the planned correction of the decelerating tool does not hold where a zone rounds the corner (assumed).
-STRAYS = 2.0
+MAX_LEG_DISTANCE = 2.0
 
 
 def round_corners(toolpath: Toolpath, tolerance: float, power: int = KEPT) -> Toolpath:
@@ -95,7 +95,7 @@ def _reach_corners(toolpath: Toolpath, corners: NDArray[np.int_], along: Array, 
     room = np.minimum(marks - every[np.maximum(at - 1, 0)], every[np.minimum(at + 1, len(every) - 1)] - marks)
     bends = along[(turn > BEND) & ~np.isin(np.arange(n), corners)]
     curved = np.searchsorted(bends, marks + wanted) > np.searchsorted(bends, marks - wanted, side="right")
-    return np.asarray(np.minimum(np.where(curved, BESIDE_ARC, 1.0) * wanted, SHARE * room))
+    return np.asarray(np.minimum(np.where(curved, ARC_SHARE, 1.0) * wanted, SHARE * room))
 
 
 def find_corners(toolpath: Toolpath) -> tuple[NDArray[np.int_], Array]:
@@ -144,13 +144,13 @@ def find_corner_shifts(toolpath: Toolpath, tip: Array, beside: Array) -> Array |
         cosine = (legs * steps).sum(axis=1) / np.maximum(reach * step, 1e-24)
         bulge = 0.25 * reach * np.arccos(np.clip(cosine, -1.0, 1.0))
         most = max(float(toolpath.rounded[middle]), float(beside[middle]))
-        off = measure_beside(tip[first : last + 1], tip[middle] + away)
-        if (bulge <= ON_LINE * most).all() and off <= STRAYS * most:
+        off = measure_leg_distance(tip[first : last + 1], tip[middle] + away)
+        if (bulge <= ON_LINE * most).all() and off <= MAX_LEG_DISTANCE * most:
             shift[first + 1 : last], shift[middle], found = np.nan, away, True
     return shift if found else None
 
 
-def measure_beside(x: Array, corner: Array) -> float:
+def measure_leg_distance(x: Array, corner: Array) -> float:
     """Return the greatest distance of points (k, 3) from the lines that join the first and last one to a corner [m]."""
     arms = x - corner
     off = []
@@ -160,7 +160,7 @@ def measure_beside(x: Array, corner: Array) -> float:
     return float(np.min(off, axis=0).max())
 
 
-def find_shares(position: Array) -> tuple[Array, float]:
+def compute_parameters(position: Array) -> tuple[Array, float]:
     """Compute the parameter u of waypoints on a rounding of power SLOWED, and the ratio of `a` to its length.
 
     Between straight moves |x'(u)| = 4 a |(1 - u)^3 t_1 + u^3 t_2|, t the directions of the moves. `position` holds the

@@ -62,7 +62,7 @@ def find_halts(events: Sequence[Event]) -> list[int]:
     return sorted({event.place for event in events if event.place >= 0 and event.kind not in PASSING})
 
 
-def guard_cuts(events: Sequence[Event], cut: Array) -> tuple[tuple[Event, ...], int]:
+def insert_spindle_stops(events: Sequence[Event], cut: Array) -> tuple[tuple[Event, ...], int]:
     """Insert a program stop before every cut with a stopped spindle, in files that start the spindle.
 
     A tool change stops the spindle. Files that never start a spindle are not changed. `cut` (n,) marks cutting moves;

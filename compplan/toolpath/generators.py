@@ -54,7 +54,7 @@ class GeneratorTable(StrictTable):
             raise InputError(f"this makes {count:.3g} waypoints, at most {MOST_WAYPOINTS} can be planned")
         return max(2, round(count))
 
-    def _walk(self, curve: Curve, grid: Array, corners: Array = NO_CORNERS) -> Toolpath:
+    def _place_waypoints(self, curve: Curve, grid: Array, corners: Array = NO_CORNERS) -> Toolpath:
         """Place waypoints on a curve, equidistant between its ends and corners (k,).
 
         The grid (m,) holds parameters dense enough that the sum of the chords is the length of the curve.
@@ -122,7 +122,7 @@ class CircleTable(GeneratorTable):
         def circle(u: Array) -> Array:
             return np.column_stack([radius * np.cos(sense * u), radius * np.sin(sense * u), np.zeros(len(u))])
 
-        return self._walk(circle, _angles(abs(self.turns)))
+        return self._place_waypoints(circle, _angles(abs(self.turns)))
 
 
 class SpiralTable(GeneratorTable):
@@ -160,7 +160,7 @@ class SpiralTable(GeneratorTable):
             # Upper bound of the turns: a turn of the spiral is longer than a circle of mean radius, pi (outer + inner).
             most = length / (np.pi * (outer + inner)) + 1.0
             turns = float(brentq(lambda n: _measure(spiral(n), _angles(n))[-1] - length, 1e-3, most, xtol=1e-12))
-        return self._walk(spiral(turns), _angles(turns))
+        return self._place_waypoints(spiral(turns), _angles(turns))
 
 
 class ConeTable(GeneratorTable):
@@ -193,7 +193,7 @@ class ConeTable(GeneratorTable):
         turns = depth / (self.pitch_mm * 1e-3)
         if self.path == "helical":
             grid = _angles(turns)
-            return self._walk(lambda u: ring(u, u / grid[-1] * depth), grid)
+            return self._place_waypoints(lambda u: ring(u, u / grid[-1] * depth), grid)
         count = max(1, round(turns))
 
         def level_point(u: Array) -> Array:
@@ -206,7 +206,7 @@ class ConeTable(GeneratorTable):
         one = np.concatenate([[0.0], np.linspace(1.0, 2.0, 2001)[:-1]])
         _refuse_turns(turns)
         grid = np.concatenate([2.0 * level + one for level in range(count)] + [np.array([2.0 * count])])
-        return self._walk(level_point, grid, np.arange(1.0, 2.0 * count))
+        return self._place_waypoints(level_point, grid, np.arange(1.0, 2.0 * count))
 
 
 GENERATORS: dict[str, type[GeneratorTable]] = {"circle": CircleTable, "spiral": SpiralTable, "isf_cone": ConeTable}

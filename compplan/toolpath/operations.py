@@ -54,7 +54,7 @@ def split_operations(toolpath: Toolpath) -> tuple[Operation, ...]:
         tool = pieces[0][0] if pieces else (0, "")
         return (Operation(*tool, toolpath),)
     return tuple(
-        Operation(*tool, _cut_out(toolpath, first, last, stop_all(events, last)))
+        Operation(*tool, _select_rows(toolpath, first, last, stop_all(events, last)))
         for tool, first, last, events in pieces
     )
 
@@ -69,7 +69,7 @@ def stop_all(events: Sequence[Event], last: int) -> list[Event]:
     return [*events, *off, *([Event(last, "coolant_off")] if cooling else [])]
 
 
-def _cut_out(toolpath: Toolpath, before: int, last: int, events: Sequence[Event]) -> Toolpath:
+def _select_rows(toolpath: Toolpath, before: int, last: int, events: Sequence[Event]) -> Toolpath:
     """Return the rows after `before` up to `last`; row `before` is the start if the first move is a cut."""
     begin = before + 1 if before < 0 or toolpath.rapid[before + 1] else before
     path = select_waypoints(toolpath, np.arange(begin, last + 1))

@@ -200,8 +200,8 @@ def check_toolpath(
         feed = toolpath.feed[still[0]] * 1e3
         how = "; state it with feed_mm_s of [cam] (--feed) or feed.constant_mm_s of the job" if feed == 0.0 else ""
         refuse(f"feed is {feed:g} mm/s, expected more than 0 on a cutting move{how}", int(still[0]))
-    asked = f"The whole toolpath spans {span * 1e3:.3g} mm: is it in metres, or in inches?"
-    notes = toolpath.notes if span >= SMALL or asked in toolpath.notes else (*toolpath.notes, asked)
+    hint = f"The whole toolpath spans {span * 1e3:.3g} mm: is it in metres, or in inches?"
+    notes = toolpath.notes if span >= SMALL or hint in toolpath.notes else (*toolpath.notes, hint)
     return replace(toolpath, axis=toolpath.axis / norms[:, None], notes=notes)
 
 
@@ -247,7 +247,7 @@ def place_toolpath(toolpath: Toolpath, T_base_part: Array) -> Toolpath:
     return replace(toolpath, position=position, axis=toolpath.axis @ rotation.T, wrench=wrench, frame="base")
 
 
-def _take_moves(toolpath: Toolpath, index: NDArray[np.int_]) -> dict[str, Any]:
+def _select_moves(toolpath: Toolpath, index: NDArray[np.int_]) -> dict[str, Any]:
     """Return the columns that describe moves, at the waypoints where the moves end."""
     columns = {name: getattr(toolpath, name) for name in ("feed", "rapid", "arc", "line")}
     return {name: None if values is None else values[index] for name, values in columns.items()}
@@ -258,7 +258,7 @@ def select_waypoints(toolpath: Toolpath, index: NDArray[np.int64]) -> Toolpath:
     wrench, rounded = (None if values is None else values[index] for values in (toolpath.wrench, toolpath.rounded))
     return replace(
         toolpath, position=toolpath.position[index], axis=toolpath.axis[index], wrench=wrench, rounded=rounded,
-        events=move_events(toolpath.events, index.astype(float)), **_take_moves(toolpath, index),
+        events=move_events(toolpath.events, index.astype(float)), **_select_moves(toolpath, index),
     )  # fmt: skip
 
 
@@ -289,7 +289,7 @@ def resample_toolpath(toolpath: Toolpath, max_step: float) -> Toolpath:
     return replace(divide_toolpath(toolpath, np.concatenate([[0.0], move + share])), axis=axis)
 
 
-def _bow(toolpath: Toolpath, before: NDArray[np.int_], share: Array) -> Array:
+def _chord_offset(toolpath: Toolpath, before: NDArray[np.int_], share: Array) -> Array:
     """Return the offset of points on rounded corners from the chords, by parabolas through 3 waypoints. (m, 3) [m]."""
     if toolpath.rounded is None:
         return np.zeros((len(before), 3))
@@ -321,8 +321,8 @@ def divide_toolpath(toolpath: Toolpath, places: Array) -> Toolpath:
     axis /= np.linalg.norm(axis, axis=1, keepdims=True)
     wrench = None if toolpath.wrench is None else between(toolpath.wrench)
     return replace(
-        toolpath, position=between(toolpath.position) + _bow(toolpath, before, share), axis=axis, wrench=wrench,
-        events=move_events(toolpath.events, places), **_take_moves(toolpath, move),
+        toolpath, position=between(toolpath.position) + _chord_offset(toolpath, before, share), axis=axis,
+        wrench=wrench, events=move_events(toolpath.events, places), **_select_moves(toolpath, move),
         rounded=None if toolpath.rounded is None else np.interp(places, np.arange(len(toolpath)), toolpath.rounded),
     )  # fmt: skip
 
@@ -333,6 +333,6 @@ def interpolate(length: NDArray[Any], places: NDArray[Any], values: Array) -> Ar
     return np.stack([np.interp(length, places, v) for v in flat.T], axis=1).reshape(-1, *values.shape[1:])
 
 
-def pick_even(values: NDArray[Any], most: int) -> NDArray[Any]:
+def select_even(values: NDArray[Any], most: int) -> NDArray[Any]:
     """Return at most `most` of the values (n, ...), evenly spaced, both ends included."""
     return values[np.unique(np.linspace(0, len(values) - 1, min(len(values), most)).astype(int))]

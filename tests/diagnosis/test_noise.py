@@ -48,7 +48,7 @@ def test_the_sum_of_two_stated_variances_has_the_freedom_of_welch_and_satterthwa
     stated = np.full(POSES, INSTRUMENT)
     noise = estimate_noise(once, gap[:POSES], stated, "position", INSTRUMENT)
     assert noise.sigma == pytest.approx(np.sqrt(2.0) * INSTRUMENT)
-    assert noise.witnesses == pytest.approx(4.0 / (1.0 / 60.0 + 1.0 / 20.0))
+    assert noise.degrees_of_freedom == pytest.approx(4.0 / (1.0 / 60.0 + 1.0 / 20.0))
 
 
 def test_a_sigma_column_weighs_each_row() -> None:
@@ -99,8 +99,8 @@ def test_repeats_beyond_the_stated_sigma_are_said_with_the_joint_that_creeps() -
 
 def test_the_noise_has_the_chi_square_likelihood_and_leeway_of_its_witnesses() -> None:
     few, off = Noise(1e-5, 12.0, "repeats"), 0.3
-    assert few.leeway == pytest.approx(12.0 / chi2.ppf(0.5 * (1.0 - LEVEL), 12.0))
-    channels = [SimpleNamespace(witnesses=12.0)]
+    assert few.chance_factor == pytest.approx(12.0 / chi2.ppf(0.5 * (1.0 - LEVEL), 12.0))
+    channels = [SimpleNamespace(degrees_of_freedom=12.0)]
     nothing = np.zeros(0)
 
     def value(log_noise: float) -> float:

@@ -13,7 +13,7 @@ from simulated_campaigns import measure, plan_rows, write_small_robot
 
 import compplan as cp
 from compplan.controllers.writers.joint_convention import load_controller
-from compplan.diagnosis.data.conventions import find_conventions, list_countings, name_counting
+from compplan.diagnosis.data.conventions import find_conventions, list_conventions, name_convention
 from compplan.diagnosis.data.plausibility import check_plausibility
 from compplan.effects import Effect
 from compplan.io.tables import write_table
@@ -102,12 +102,12 @@ def test_a_wrong_coupling_in_sweeps_of_single_joints_is_named_and_asked_about_as
 
 @pytest.mark.parametrize("name", ["kuka_kr270", "fanuc_m10ia"])
 def test_joints_counted_as_a_controller_counts_them_are_named_after_it(robot: Robot, name: str) -> None:
-    counting, conventions = next(c for c in list_countings(robot) if c[0] == load_controller(load_robot(name)).name)
+    controller, conventions = next(c for c in list_conventions(robot) if c[0] == load_controller(load_robot(name)).name)
     campaign = measure(robot, plan_rows(robot, 11, poses=30, path=0), list(conventions), seed=11, orientation=False)
     found = find_conventions(robot, campaign, ())
     assert {e.place for e in found} == {e.place for e in conventions}
-    assert name_counting(robot, found) == counting
-    assert name_counting(robot, [conventions[0]]) in ("", counting if len(conventions) == 1 else "")
+    assert name_convention(robot, found) == controller
+    assert name_convention(robot, [conventions[0]]) in ("", controller if len(conventions) == 1 else "")
 
 
 def test_mirrored_deviations_of_a_log_without_load_and_orientation_are_asked_about(robot: Robot) -> None:

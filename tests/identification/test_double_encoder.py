@@ -53,7 +53,7 @@ def test_encoder_readings_sharpen_the_gears_beside_positions() -> None:
     loaded = rows.take(np.arange(2 * N, 3 * N))
     structure = build_structure(robot, add=link_springs(robot))
     first = estimate_parameters(structure.select(robot.joint_names), loaded)
-    truth = structure.soften(np.array([*(spring.compliance for spring in robot.springs), *[LINK] * 6]))
+    truth = structure.set_compliances(np.array([*(spring.compliance for spring in robot.springs), *[LINK] * 6]))
     seen = first.state.torque @ build_chain(truth).compliance
     gears = np.flatnonzero(structure.chain.actuator)
     encoder = seen[:, gears] + 1e-5 * np.random.default_rng(0).standard_normal((N, 6))

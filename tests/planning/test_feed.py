@@ -15,7 +15,7 @@ from compplan.planning.plan import PlanOptions, build_task
 from compplan.planning.task import cutting_runs
 from compplan.robot import load_robot
 from compplan.simulation.torque import TorqueRules
-from compplan.toolpath.corners import SLOWED, find_corners, find_roundings, find_shares, round_corners
+from compplan.toolpath.corners import SLOWED, compute_parameters, find_corners, find_roundings, round_corners
 from compplan.toolpath.toolpath import Toolpath, divide_toolpath
 
 ROBOT = load_robot("kuka_kr270")
@@ -84,7 +84,7 @@ def test_a_corner_that_the_tool_slows_down_at_is_passed_at_the_tolerance_and_its
     ahead = position[2] / 0.05 - corner / 0.05
     assert x == pytest.approx(reach * (-np.outer((1 - u) ** 4, [1.0, 0.0, 0.0]) + np.outer(u**4, ahead)), abs=1e-9)
     assert np.linalg.norm(x, axis=1).min() == pytest.approx(2e-4)
-    shares, part = find_shares(rounded.position[first : last + 1])
+    shares, part = compute_parameters(rounded.position[first : last + 1])
     assert shares == pytest.approx(u, abs=0.02)
     assert part * np.linalg.norm(np.diff(x, axis=0), axis=1).sum() == pytest.approx(reach, rel=0.01)
 

@@ -172,7 +172,7 @@ def _read_part(text: str) -> Any:
 
 @make_job_command(out_folder)
 def run_place(job: Job, folder: Path) -> CommandResult:
-    """Search where the part of JOB should stand: write place.json and report.html.
+    """Search the best place for the part of JOB: write place.json and report.html.
 
     Example: compplan place paths/circle_500mm.toml --out out
     """

@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 from compplan.controllers.readback.poses import Move
 from compplan.controllers.shapes import HELD, LEAST_FEED, RATIO, SHORT, find_arc, follow_arc, follow_line, send_speeds
 from compplan.robot import Array
-from compplan.toolpath.corners import STRAYS, measure_beside
+from compplan.toolpath.corners import MAX_LEG_DISTANCE, measure_leg_distance
 
 #: Rounding of written positions. [mm]
 ROUNDING = 5e-4
@@ -75,8 +75,8 @@ def check_corners(position: Array, corner: Array, beside: Array) -> list[str]:
             first -= 1
         while left_out[last]:
             last += 1
-        off = measure_beside(position[first : last + 1], position[row] + corner[row])
-        if off > STRAYS * max(float(np.linalg.norm(corner[row])), float(beside[row])) + ROUNDING:
+        off = measure_leg_distance(position[first : last + 1], position[row] + corner[row])
+        if off > MAX_LEG_DISTANCE * max(float(np.linalg.norm(corner[row])), float(beside[row])) + ROUNDING:
             said.append(f"the planned tip is {1e3 * off:.3g} um off the corner at row {row}")
     return said
 

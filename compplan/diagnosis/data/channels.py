@@ -50,7 +50,7 @@ class Channel:
         )
 
     @cached_property
-    def told(self) -> Array:
+    def n_values(self) -> Array:
         """Number of values measured by each row. Shape (r,)."""
         width = np.full(len(self.rows), float(self.residual.shape[1]))
         if self.direction is not None:

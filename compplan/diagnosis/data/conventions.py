@@ -41,17 +41,17 @@ def find_conventions(robot: Robot, campaign: Campaign, register: tuple[str, ...]
     found: list[Effect] = []
     gap = typical_gap(robot, part, register, found)
     while gap > SUSPICIOUS:
-        trials = [(typical_gap(robot, part, register, [*found, e]), n, e) for n, e in enumerate(hypotheses(robot))]
-        best = min(trials, key=lambda t: (t[0], t[1]))
+        trials = enumerate(list_fixed_conventions(robot))
+        best = min(((typical_gap(robot, part, register, [*found, e]), n, e) for n, e in trials), key=lambda t: t[:2])
         if best[0] > CONVINCING * gap:
             several = [(typical_gap(robot, part, register, [*found, *e]), n, e)
-                       for n, (_, e) in enumerate(list_countings(robot))]  # fmt: skip
+                       for n, (_, e) in enumerate(list_conventions(robot))]  # fmt: skip
             together = min(several, key=lambda t: (t[0], t[1]), default=(np.inf, 0, ()))
             if together[0] <= CONVINCING * gap:
                 found += together[2]
                 gap = together[0]
                 continue
-            sized = [size_convention(robot, part, register, found, e) for e in sizeless(robot)]
+            sized = [size_convention(robot, part, register, found, e) for e in list_unsized_conventions(robot)]
             best = min(((g, n, e) for n, (g, e) in enumerate(sized)), key=lambda t: (t[0], t[1]))
         if best[0] > CONVINCING * gap:
             break
@@ -100,7 +100,7 @@ def size_convention(
     return best
 
 
-def sizeless(robot: Robot) -> Iterator[Effect]:
+def list_unsized_conventions(robot: Robot) -> Iterator[Effect]:
     """List couplings and shifted zeros of unknown size."""
     joints = robot.actuated
     for index, joint in enumerate(joints):
@@ -111,7 +111,7 @@ def sizeless(robot: Robot) -> Iterator[Effect]:
             yield Effect("joint_coupling", joint.name, None, {"zero_rad": 0.0})
 
 
-def hypotheses(robot: Robot) -> Iterator[Effect]:
+def list_fixed_conventions(robot: Robot) -> Iterator[Effect]:
     """List couplings with neighbouring joints, reversed joints, and zeros shifted by a quarter or half turn."""
     joints = robot.actuated
     for index, joint in enumerate(joints):
@@ -126,7 +126,7 @@ def hypotheses(robot: Robot) -> Iterator[Effect]:
                 yield Effect("joint_coupling", joint.name, None, {"reversed": True, "zero_rad": float(zero)})
 
 
-def list_countings(robot: Robot) -> list[tuple[str, tuple[Effect, ...]]]:
+def list_conventions(robot: Robot) -> list[tuple[str, tuple[Effect, ...]]]:
     """List controllers whose joint convention differs from a URDF's, and the effects that convert each.
 
     They are those of the robot folder and of shipped robots with as many joints. With c the controller's joints and q
@@ -136,9 +136,9 @@ def list_countings(robot: Robot) -> list[tuple[str, tuple[Effect, ...]]]:
     shipped = [load_robot(name) for name in BRANDS]
     found: dict[str, tuple[str, tuple[Effect, ...]]] = {}
     for one in (*own, *(s for s in shipped if s.nq == robot.nq and not robot.prismatic.any())):
-        counting = load_controller(one)
-        inverse = np.linalg.inv(counting.matrix)
-        shift = -np.radians(inverse @ counting.zero)
+        convention = load_controller(one)
+        inverse = np.linalg.inv(convention.matrix)
+        shift = -np.radians(inverse @ convention.zero)
         effects: list[Effect] = []
         for index, joint in enumerate(robot.actuated):
             table: dict[str, object] = {"reversed": True} if inverse[index, index] < 0 else {}
@@ -150,19 +150,19 @@ def list_countings(robot: Robot) -> list[tuple[str, tuple[Effect, ...]]]:
                     ratio = {"other": robot.joint_names[other], "ratio": float(inverse[index, other])}
                     effects.append(Effect("joint_coupling", joint.name, None, ratio))
         if effects:
-            found.setdefault(repr(effects), (counting.name, tuple(effects)))
+            found.setdefault(repr(effects), (convention.name, tuple(effects)))
     return list(found.values())
 
 
-def name_counting(robot: Robot, effects: Sequence[Effect]) -> str:
+def name_convention(robot: Robot, effects: Sequence[Effect]) -> str:
     """Name the controller with these conventions, for either direction of a coupled axis; "" if there is none."""
-    told = {_say(effect) for effect in effects if effect.name == "joint_coupling"}
-    if not told:
+    stated = {_format_convention(effect) for effect in effects if effect.name == "joint_coupling"}
+    if not stated:
         return ""
-    return next((name for name, own in list_countings(robot) if {_say(effect) for effect in own} == told), "")
+    return next((name for name, own in list_conventions(robot) if {_format_convention(e) for e in own} == stated), "")
 
 
-def _say(effect: Effect) -> str:
+def _format_convention(effect: Effect) -> str:
     """Format a convention without the direction of a coupling, which depends on the URDF alone."""
     table = {key: abs(value) if key == "ratio" else value for key, value in effect.parameters.items()}
     return repr((effect.joint, sorted((k, round(v, 6) if isinstance(v, float) else v) for k, v in table.items())))

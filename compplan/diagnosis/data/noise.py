@@ -45,11 +45,11 @@ class NoiseSettings:
     #: by backlash, drift or creep (assumed: 15 to 40 um of robots, 15 to 40 um of trackers).
     repeats_like: float = 1.5
     #: Most degrees of freedom of a noise (assumed: instruments differ by 7 % over a room).
-    most_witnesses: float = 200.0
+    most_dof: float = 200.0
     #: Mean number of rows per stay up to which a stay's error is not separated from row noise (assumed).
     single_rows: float = 1.3
     #: Standard deviations beyond which a row is an outlier (theory: one row in 10^6 by chance); at most this share of
-    #: the rows (assumed: the contract says 2 %).
+    #: the rows (assumed: 3 %).
     outlying: float = 5.5
     most: float = 0.03
     #: Degrees of freedom of a stated noise (assumed: good to a tenth), of a stated repeatability (to a sixth), and of
@@ -68,7 +68,7 @@ class Noise:
 
     #: Standard deviation of a row about its stay, mean square over the rows. [m or rad]
     sigma: float
-    witnesses: float  #: Degrees of freedom of the estimate.
+    degrees_of_freedom: float  #: Degrees of freedom of the estimate.
     source: str  #: Sources of the estimate.
     #: Standard deviation of a stay (repeatability); 0 if `sigma` of single rows includes it.
     stay: float = 0.0
@@ -76,9 +76,9 @@ class Noise:
     spread: Array = field(default_factory=lambda: np.zeros(0))
 
     @property
-    def leeway(self) -> float:
+    def chance_factor(self) -> float:
         """Factor by which the variance may exceed its estimate by chance."""
-        return chance_factor(self.witnesses)
+        return chance_factor(self.degrees_of_freedom)
 
     def spread_of(self, rows: NDArray[np.int_]) -> Array:
         """Return the standard deviation of given rows over `sigma`. Shape (rows,)."""
@@ -105,38 +105,38 @@ def estimate_noise(
     """
     spread = _stated_spread(stated, len(campaign))
     instrument = _instrument(campaign, gap / spread[:, None], stated, name)
-    variance, witnesses, source = instrument
+    variance, dof, source = instrument
     seen = np.isfinite(gap).all(1) & ~campaign.on_path
     rows_a_stay = seen.sum() / max(len(np.unique(campaign.stay[seen])), 1)
     single = bool(seen.any()) and rows_a_stay < NOISE.single_rows
     again, count, share = _revisit_scatter(campaign, gap / spread[:, None])
     plain = spread if np.ptp(spread) > ROUNDING else np.zeros(0)
     if name != "position":
-        return Noise(float(np.sqrt(variance)), witnesses, source, 0.0, plain)
-    if not witnesses and count:
+        return Noise(float(np.sqrt(variance)), dof, source, 0.0, plain)
+    if not dof and count:
         # repeated poses alone: they show the sum of both
-        return Noise(float(np.sqrt(again)), min(count, NOISE.most_witnesses), REPEATED_POSES, 0.0, plain)
-    variance, source = (variance, source) if witnesses else (ASSUMED_SIGMA[name] ** 2, "assumed")
-    witnesses = witnesses or NOISE.assumed
+        return Noise(float(np.sqrt(again)), min(count, NOISE.most_dof), REPEATED_POSES, 0.0, plain)
+    variance, source = (variance, source) if dof else (ASSUMED_SIGMA[name] ** 2, "assumed")
+    dof = dof or NOISE.assumed
     # the mean of pooled rows is less uncertain than a row; repeatability is compared with a row
     single_row = max(variance, campaign.scatter**2)
     # scatter of repeated poses beyond stated sigma and repeatability is drift, creep or backlash, not noise
     usual = share * variance + (repeatability or NOISE.assumed_repeatability) ** 2
     odd = stated is not None and count > 0 and again > chance_factor(count) * usual
-    robot, freedom, told = _repeatability(again - share * variance, 0 if odd else count, repeatability, single_row)
-    source = " and ".join(label for label in (source, told) if label)
+    robot, freedom, origin = _repeatability(again - share * variance, 0 if odd else count, repeatability, single_row)
+    source = " and ".join(label for label in (source, origin) if label)
     if odd:
         source += (
             f"; poses measured again scatter by {np.sqrt(again / usual):.1f} times what sigma and repeatability explain"
         )
     if not single:
-        return Noise(float(np.sqrt(variance)), witnesses, source, float(np.sqrt(robot)) if told else 0.0, plain)
+        return Noise(float(np.sqrt(variance)), dof, source, float(np.sqrt(robot)) if origin else 0.0, plain)
     total = spread**2 * variance + robot
     mean = float(np.mean(total))
-    freedom = mean**2 / (variance**2 / witnesses + robot**2 / freedom)
+    freedom = mean**2 / (variance**2 / dof + robot**2 / freedom)
     spread = np.sqrt(total / mean)
     return Noise(
-        float(np.sqrt(mean)), min(freedom, NOISE.most_witnesses), source, 0.0,
+        float(np.sqrt(mean)), min(freedom, NOISE.most_dof), source, 0.0,
         spread if np.ptp(spread) > ROUNDING else np.zeros(0),
     )  # fmt: skip
 
@@ -152,23 +152,23 @@ def _stated_spread(stated: Array | None, n: int) -> Array:
 
 def _instrument(campaign: Campaign, gap: Array, stated: Array | None, name: str) -> tuple[float, float, str]:
     """Pool repeats, paths and a stated sigma as far as they agree: variance, degrees of freedom, source."""
-    told: list[tuple[str, float, float]] = []
+    sources: list[tuple[str, float, float]] = []
     squares, count = _repeat_scatter(campaign, gap)
     if count > 0 and squares > 0:
-        told.append(("repeats", squares / count, count))
+        sources.append(("repeats", squares / count, count))
     rough, rough_count = _path_roughness(campaign, gap)
     if rough > 0:
-        told.append(("path", rough, min(rough_count, NOISE.most_witnesses)))
+        sources.append(("path", rough, min(rough_count, NOISE.most_dof)))
     if stated is not None and (np.isfinite(stated) & (stated > 0)).any():
-        told.append(("sigma column", float(np.nanmean(stated[stated > 0] ** 2)), NOISE.stated))
-    if not told:
+        sources.append(("sigma column", float(np.nanmean(stated[stated > 0] ** 2)), NOISE.stated))
+    if not sources:
         return ASSUMED_SIGMA[name] ** 2, 0.0 if name == "position" else NOISE.assumed, "assumed"
     # vibration on a path or between repeats is not instrument noise: variances far above the least are excluded
-    firm = [variance for _, variance, weight in told if weight >= ENOUGH_ROWS] or [told[0][1]]
-    told = [source for source in told if source[1] < NOISE.disagree * min(firm) or source[2] < ENOUGH_ROWS]
-    weight = sum(w for _, _, w in told)
-    variance = sum(v * w for _, v, w in told) / weight
-    return float(variance), float(min(weight, NOISE.most_witnesses)), " and ".join(label for label, _, _ in told)
+    firm = [variance for _, variance, weight in sources if weight >= ENOUGH_ROWS] or [sources[0][1]]
+    sources = [source for source in sources if source[1] < NOISE.disagree * min(firm) or source[2] < ENOUGH_ROWS]
+    weight = sum(w for _, _, w in sources)
+    variance = sum(v * w for _, v, w in sources) / weight
+    return float(variance), float(min(weight, NOISE.most_dof)), " and ".join(label for label, _, _ in sources)
 
 
 def _repeatability(
@@ -178,18 +178,18 @@ def _repeatability(
 
     `excess` is the variance between stays at one pose beyond the instrument's [m^2], `count` its degrees of freedom.
     """
-    told = []
+    sources = []
     if stated is not None and stated > 0:
-        told.append(("stated repeatability", stated**2, NOISE.stated_repeatability))
+        sources.append(("stated repeatability", stated**2, NOISE.stated_repeatability))
     if count:
         scatter = min(max(excess, 0.0), NOISE.repeats_like**2 * instrument)
         # larger scatter than stated has a cause: drift or backlash
-        if not told or scatter + instrument < NOISE.disagree * (told[0][1] + instrument):
-            told.append((REPEATED_POSES, scatter, count))
-    if not told:
+        if not sources or scatter + instrument < NOISE.disagree * (sources[0][1] + instrument):
+            sources.append((REPEATED_POSES, scatter, count))
+    if not sources:
         return NOISE.assumed_repeatability**2, NOISE.assumed, ""
-    weight = sum(w for _, _, w in told)
-    return sum(v * w for _, v, w in told) / weight, weight, " and ".join(label for label, _, _ in told)
+    weight = sum(w for _, _, w in sources)
+    return sum(v * w for _, v, w in sources) / weight, weight, " and ".join(label for label, _, _ in sources)
 
 
 def _repeat_scatter(campaign: Campaign, gap: Array) -> tuple[float, float]:

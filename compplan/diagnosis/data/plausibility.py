@@ -42,7 +42,7 @@ class CheckSettings:
     #: The sign test: least log likelihood ratio of the wrong sign, a stay counted as one value (theory: odds of 20,000
     #: to 1), and largest share of the squares left by springs of the wrong sign (assumed: they have to explain the
     #: residuals).
-    sure_of_sign: float = 10.0
+    least_sign_evidence: float = 10.0
     wrong_sign: float = 0.5
     #: Largest lag of a controller; a larger time shift is a clock error (assumed). [s]
     clock: float = 0.1
@@ -51,7 +51,7 @@ class CheckSettings:
 CHECKS = CheckSettings()
 
 
-class QuestionRows(NamedTuple):
+class CheckedRows(NamedTuple):
     """Checked rows with the nominal TCP predictions. Shapes (n, 3), (n, 3, 3)."""
 
     campaign: Campaign
@@ -69,41 +69,41 @@ class Question:
 
 def check_plausibility(robot: Robot, campaign: Campaign, register: Sequence[str] = ()) -> list[Question]:
     """Return questions to be answered before a gap is explained, the most basic first."""
-    sighted = ask_sights(robot, campaign, register)
+    sighted = check_sights(robot, campaign, register)
     if sighted:
         return [sighted]
     rows = build_rows_model(robot, campaign)
     if len(rows.campaign) < FEW_ROWS:
         return []
-    if said := describe_unit(rows.campaign.position, rows.position):
-        return [Question("unit", said)]
-    if question := ask_hand(rows) or ask_step(rows):
+    if sentence := describe_unit(rows.campaign.position, rows.position):
+        return [Question("unit", sentence)]
+    if question := check_hand(rows) or check_step(rows):
         return [question]
     known, parts = list(robot_effects(robot)), tuple(register)
     far = typical_gap(robot, rows.campaign, parts, known) > NO_EFFECT
     conventions = find_conventions(robot, campaign, parts) if far else ()
     # the sign of springs is undefined while joint conventions are wrong
-    sign = None if conventions else ask_sign(robot, rows, register)
-    found = [ask_moment_point(robot, rows), sign, ask_clock(robot, rows, register)]
+    sign = None if conventions else check_sign(robot, rows, register)
+    found = [check_moment_point(robot, rows), sign, check_clock(robot, rows, register)]
     questions = [question for question in found if question]
     if far:
         gap = typical_gap(robot, rows.campaign, parts, [*known, *conventions], 0.5)
         if gap > NO_EFFECT:
-            said = f"is it the log of this robot? The median gap is {_mm(gap)}, which no effect of a robot explains"
-            beyond = Question("gap", f"{said}; check units, tool, frames and the signs and zeros of the joints")
-            questions.insert(0, ask_frames(rows, register) or beyond)
+            sentence = f"is it the log of this robot? The median gap is {_mm(gap)}, which no effect of a robot explains"
+            beyond = Question("gap", f"{sentence}; check units, tool, frames and the signs and zeros of the joints")
+            questions.insert(0, check_frames(rows, register) or beyond)
     return questions
 
 
-def build_rows_model(robot: Robot, campaign: Campaign) -> QuestionRows:
+def build_rows_model(robot: Robot, campaign: Campaign) -> CheckedRows:
     """Select rows with joints and position, thinned, and compute the predictions of the nominal robot."""
     index = np.flatnonzero(campaign.usable & campaign.measured)
     part = replace(campaign.take(index[:: max(1, len(index) // SAMPLE)]), link=None, motor=None, observations=None)
     attained = solve_model_poses(build_model(robot, part))
-    return QuestionRows(part, attained.position, attained.rotation)
+    return CheckedRows(part, attained.position, attained.rotation)
 
 
-def ask_sights(robot: Robot, campaign: Campaign, register: Sequence[str]) -> Question | None:
+def check_sights(robot: Robot, campaign: Campaign, register: Sequence[str]) -> Question | None:
     """Check rows of other instruments for consistency: labels, units, directions, an unknown tool."""
     if campaign.observations is None or not campaign.observations.observed.any():
         return None
@@ -132,9 +132,9 @@ def ask_sights(robot: Robot, campaign: Campaign, register: Sequence[str]) -> Que
     )
 
 
-def ask_hand(rows: QuestionRows) -> Question | None:
+def check_hand(rows: CheckedRows) -> Question | None:
     """Compare the best rigid placement with the best mirrored one (Kabsch, both determinants)."""
-    proper, mirrored = (_placement_rms(rows.position, rows.campaign.position, mirror) for mirror in (False, True))
+    proper, mirrored = (_median_distance(rows.position, rows.campaign.position, mirror) for mirror in (False, True))
     if proper > NO_EFFECT and mirrored < CONVINCING * proper:
         return Question(
             "left-handed frame",
@@ -144,15 +144,15 @@ def ask_hand(rows: QuestionRows) -> Question | None:
     return None
 
 
-def ask_step(rows: QuestionRows) -> Question | None:
+def check_step(rows: CheckedRows) -> Question | None:
     """Compare the rows with those one row earlier and one row later, inside runs."""
-    still = _placement_rms(rows.position, rows.campaign.position, False)
+    still = _median_distance(rows.position, rows.campaign.position, False)
     if still < NO_EFFECT:
         return None
     same_run = np.diff(rows.campaign.run_index) == 0
     before, after = slice(None, -1), slice(1, None)
     for name, mine, theirs in (("earlier", after, before), ("later", before, after)):
-        shifted = _placement_rms(rows.position[mine][same_run], rows.campaign.position[theirs][same_run], False)
+        shifted = _median_distance(rows.position[mine][same_run], rows.campaign.position[theirs][same_run], False)
         if shifted < CONVINCING * still:
             return Question(
                 "rows out of step",
@@ -162,7 +162,7 @@ def ask_step(rows: QuestionRows) -> Question | None:
     return None
 
 
-def ask_frames(rows: QuestionRows, register: Sequence[str]) -> Question | None:
+def check_frames(rows: CheckedRows, register: Sequence[str]) -> Question | None:
     """Ask for the target or a registration if one makes the gap small."""
     gap = float(np.median(np.linalg.norm(rows.campaign.position - rows.position, axis=1)))
     target_known = rows.campaign.target_offset is not None
@@ -189,7 +189,7 @@ def ask_frames(rows: QuestionRows, register: Sequence[str]) -> Question | None:
     return None
 
 
-def ask_moment_point(robot: Robot, rows: QuestionRows) -> Question | None:
+def check_moment_point(robot: Robot, rows: CheckedRows) -> Question | None:
     """Check whether the moments are those of a force at the TCP about the flange."""
     chain = build_chain(robot)
     lever = -np.einsum("nij,j->ni", rows.rotation, np.linalg.inv(mounted_tool(robot))[:3, 3])
@@ -209,7 +209,7 @@ def ask_moment_point(robot: Robot, rows: QuestionRows) -> Question | None:
     )
 
 
-def ask_sign(robot: Robot, rows: QuestionRows, register: Sequence[str]) -> Question | None:
+def check_sign(robot: Robot, rows: CheckedRows, register: Sequence[str]) -> Question | None:
     """Compare springs that deflect with weights and loads to springs that deflect against them.
 
     Residuals against the rigid robot are fitted by geometry, zeros and frames (with priors), and by a compliance
@@ -224,26 +224,26 @@ def ask_sign(robot: Robot, rows: QuestionRows, register: Sequence[str]) -> Quest
     wrong = min(("deviations", "wrench"), key=lambda name: left[name])
     stays = len(np.unique(rows.campaign.stay))
     certainty = 0.5 * stays * float(np.log(left["right"] / max(left[wrong], 1e-300)))
-    loaded = bool(np.abs(shapes.load).any())
-    there = 0.5 * stays * float(np.log(left["none"] / max(left[wrong], 1e-300))) >= CHECKS.sure_of_sign
-    if certainty < CHECKS.sure_of_sign or not (left[wrong] <= CHECKS.wrong_sign * left["none"] if loaded else there):
+    loaded, least = bool(np.abs(shapes.load).any()), CHECKS.least_sign_evidence
+    there = 0.5 * stays * float(np.log(left["none"] / max(left[wrong], 1e-300))) >= least
+    if certainty < least or not (left[wrong] <= CHECKS.wrong_sign * left["none"] if loaded else there):
         return None
     ratio = f"{100.0 * np.sqrt(left[wrong] / left['right']):.0f} % of what right ones leave"
     if wrong == "deviations":
-        said = (
+        sentence = (
             f"the arm bends against its {'loads' if loaded else 'weight'}: springs with the reversed sign leave"
             f" {ratio}; are the deviations mirrored or negated (nominal minus measured)"
             f"{', or is it the wrench of the tool on the part' if loaded else ''}?"
         )
     else:
-        said = (
+        sentence = (
             "the arm bends under its weight but against the external load: with the wrench reversed springs leave"
             f" {ratio}; is it the wrench of the tool on the part?"
         )
-    return Question("sign", said)
+    return Question("sign", sentence)
 
 
-def ask_clock(robot: Robot, rows: QuestionRows, register: Sequence[str]) -> Question | None:
+def check_clock(robot: Robot, rows: CheckedRows, register: Sequence[str]) -> Question | None:
     """Check the clock: ask if positions on paths lead or lag the joints by more than a controller's lag."""
     path = rows.campaign.on_path
     if register or path.sum() < ENOUGH_ROWS or not rows.campaign.speed[path].any():
@@ -264,7 +264,7 @@ def ask_clock(robot: Robot, rows: QuestionRows, register: Sequence[str]) -> Ques
     )
 
 
-def _placement_rms(nominal: Array, measured: Array, mirror: bool) -> float:
+def _median_distance(nominal: Array, measured: Array, mirror: bool) -> float:
     """Return the median distance after the best placement of points on others, mirrored or not [Kabsch1976]. [m]"""
     a, b = nominal - nominal.mean(axis=0), measured - measured.mean(axis=0)
     u, _, vt = np.linalg.svd(a.T @ b)
@@ -292,9 +292,9 @@ class ElasticShapes(NamedTuple):
 
 def shape_elastics(robot: Robot, campaign: Campaign, register: Sequence[str]) -> ElasticShapes:
     """Compute the deflections by springs of every joint at the rows; the robot's springs removed, frames fitted."""
-    own = tuple(Spring(joint.name, "own", 0.0) for joint in robot.actuated)
+    springs = tuple(Spring(joint.name, "own", 0.0) for joint in robot.actuated)
     frames_of = tuple(Spring(joint.name, axis, 0.0) for joint in robot.joints for axis in ELASTIC_AXES)
-    bare = replace(robot, springs=own + frames_of, link_elasticities=(), gravity=robot.real_gravity, effects=())
+    bare = replace(robot, springs=springs + frames_of, link_elasticities=(), gravity=robot.real_gravity, effects=())
     chain = build_chain(bare)
     frames, n = locate_frames(chain, campaign.q), len(campaign.position)
     at = chain.spring_elements

@@ -12,7 +12,7 @@ LEVEL = 0.95
 #: Standard deviations of a two-sided interval at that level (theory).
 HALF_WIDTH = float(ndtri(0.5 * (1.0 + LEVEL)))
 #: Probability from which a claim counts as certain; its complement as excluded (assumed: one in ten).
-SURE = 0.9
+CERTAIN = 0.9
 #: Shares, probabilities and improvements below this do not matter (assumed: a fiftieth).
 NEGLIGIBLE = 0.02
 #: Sample size of rows, pairs or draws (assumed: estimates a tail of a twentieth to a fifth of itself).

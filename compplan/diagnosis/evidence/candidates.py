@@ -87,13 +87,13 @@ def registration_signatures(at: Linearization, parts: Sequence[str]) -> list[Sig
 
 def _contact_signatures(at: Linearization) -> list[Signature]:
     """Return the columns of contact places; a shift of a place moves the measured point in the opposite direction."""
-    sights, frames = at.campaign.observations, at.scene.registration
-    if sights is None or frames is None:
+    observations, frames = at.campaign.observations, at.scene.registration
+    if observations is None or frames is None:
         return []
-    slopes, between = sights.place_slopes(), sights.known.slopes(frames.places)
+    slopes, between = observations.place_slopes(), observations.known.slopes(frames.places)
     scale, keys = np.full(3, REGISTRATION_SCALE), ("tx_m", "ty_m", "tz_m")
     found = []
-    for number in range(len(sights.names)):
+    for number in range(len(observations.names)):
         twist = np.concatenate([-slopes[:, :, number], np.zeros_like(slopes[:, :, number])], axis=1)
         form = f"{CONTACTS} {number}"
         found.append(Signature(REGISTRATION, None, None, form, keys, scale, twist, between=between[:, None, number]))

@@ -39,7 +39,7 @@ class EvidenceSettings:
     #: Spread of log tau among the classes of one robot, which resemble each other in size (assumed).
     tau_spread: float = 0.6
     #: Convergence: least gain in log evidence of a step (assumed: far below decisive differences).
-    settled: float = 0.005
+    tolerance: float = 0.005
     #: Initial logarithm of the shared error and of the backgrounds (assumed: a fifth of their scale).
     start: float = -1.5
     #: Typical error of the logarithm of a shared error or a background: the unit of a fit's steps (assumed).
@@ -89,12 +89,12 @@ class Posterior:
     columns: NDArray[np.int_]  #: Active columns.
     mean: Array  #: Posterior means, in units of their scale. Shape (active,).
     hyper: Hyper  #: Noise and background.
-    covary: Callable[[], Array]  #: Computes the covariance on request, since few models need it.
+    compute_covariance: Callable[[], Array]  #: Computes the covariance on request, since few models need it.
 
     @cached_property
     def covariance(self) -> Array:
         """Covariance of the columns. Shape (active, active)."""
-        return self.covary()
+        return self.compute_covariance()
 
     def loss_without(self, columns: NDArray[np.int_]) -> float:
         """Return the log likelihood lost by setting these columns to zero, the others refitted."""
@@ -136,7 +136,7 @@ def find_posterior(
     bounds = (
         [(EVIDENCE.log_range[0], _most_noise(ch)) for ch in channels]
         + [EVIDENCE.log_range if shared else (EVIDENCE.log_range[0], EVIDENCE.log_range[0])] * len(channels)
-        + [EVIDENCE.log_range if own else (EVIDENCE.log_range[0], EVIDENCE.most_tau) for own in loose]
+        + [EVIDENCE.log_range if is_loose else (EVIDENCE.log_range[0], EVIDENCE.most_tau) for is_loose in loose]
     )
     # evidence relative to its initial value, for its digits; steps in units of typical errors
     others = len(hyper.vector) - len(channels)
@@ -157,16 +157,16 @@ def find_posterior(
 
     gained = [0.0]
 
-    def stop_settled(intermediate_result: OptimizeResult) -> None:
+    def stop_converged(intermediate_result: OptimizeResult) -> None:
         # the optimizer's tolerance is a share of the total gain: after a large gain it stops far too early
         gained.append(-intermediate_result.fun)
-        if gained[-1] - gained[-2] < EVIDENCE.settled:
+        if gained[-1] - gained[-2] < EVIDENCE.tolerance:
             raise StopIteration
 
     limits = [(low / u, high / u) for (low, high), u in zip(bounds, unit, strict=True)]
     options = {"maxiter": steps, "ftol": 0.0}
     first = np.clip(hyper.vector / unit, *np.array(limits).T)
-    found = minimize(cost, first, jac=True, method="L-BFGS-B", bounds=limits, options=options, callback=stop_settled)
+    found = minimize(cost, first, jac=True, method="L-BFGS-B", bounds=limits, options=options, callback=stop_converged)
     hyper = hyper.with_vector(found.x * unit)
     done = latest.get(found.x.tobytes()) or rows.solve(variance.at(hyper.log_tau), hyper)
     return _conclude(prior, channels, done, hyper)
@@ -188,7 +188,7 @@ def drop_negative(
 
 def _conclude(prior: Prior, channels: Sequence[ChannelProducts], done: SolvedColumns, hyper: Hyper) -> Posterior:
     extra = _hyperprior(channels, hyper, _loose(prior, hyper))[0]
-    return Posterior(done.value + extra, prior.active, done.mean, hyper, done.covary())
+    return Posterior(done.value + extra, prior.active, done.mean, hyper, done.compute_covariance())
 
 
 class _Variance:
@@ -245,17 +245,17 @@ def _hyperprior(
     half-Cauchy, and the classes of one robot resemble each other (assumed: an error as large as the noise and a
     background as large as its class's scale are common).
     """
-    witnesses = np.array([ch.witnesses for ch in channels])
+    degrees_of_freedom = np.array([ch.degrees_of_freedom for ch in channels])
     factor = np.exp(-hyper.log_noise)
     shared2, tau2 = np.exp(2 * hyper.log_shared), np.exp(2 * hyper.log_tau)
-    value = -0.5 * np.sum(witnesses * (hyper.log_noise + factor - 1.0)) - np.sum(np.log1p(shared2))
+    value = -0.5 * np.sum(degrees_of_freedom * (hyper.log_noise + factor - 1.0)) - np.sum(np.log1p(shared2))
     scale2 = np.where(loose, 1.0, EVIDENCE.tau_scale**2)
     value -= np.sum(np.log1p(tau2 / scale2))
     alike = hyper.log_tau[~loose]
     apart = np.where(loose, 0.0, hyper.log_tau - np.sum(alike) / max(len(alike), 1))
     value -= 0.5 * np.sum(apart**2) / EVIDENCE.tau_spread**2
     gradient_tau = -2 * tau2 / (scale2 + tau2) - apart / EVIDENCE.tau_spread**2
-    slope = -0.5 * witnesses * (1.0 - factor)
+    slope = -0.5 * degrees_of_freedom * (1.0 - factor)
     gradient = np.concatenate([slope, -2 * shared2 / (1 + shared2), gradient_tau])
     return float(value), gradient
 
@@ -284,10 +284,10 @@ def find_gains(equations: NormalEquations, posterior: Posterior, candidates: lis
         by_size.setdefault(len(equations.columns(n)), []).append(n)
     gains: list[Gain] = []
     for size, numbers in by_size.items():
-        own = np.stack([equations.columns(n) for n in numbers])
+        columns = np.stack([equations.columns(n) for n in numbers])
         positive = np.array([size == 1 and equations.signatures[n].positive for n in numbers], bool)
-        blocks = gram[own[:, :, None], own[:, None, :]] - known[own] @ np.swapaxes(cross[own], 1, 2)
-        sure, best = _rate_blocks(blocks, left[own], positive)
+        blocks = gram[columns[:, :, None], columns[:, None, :]] - known[columns] @ np.swapaxes(cross[columns], 1, 2)
+        sure, best = _rate_blocks(blocks, left[columns], positive)
         gains += [Gain(n, g, b) for n, g, b in zip(numbers, sure.tolist(), best.tolist(), strict=True)]
     return gains
 

@@ -116,7 +116,7 @@ class SolvedColumns:
     mean: Array
     pull: Array
 
-    def covary(self) -> Callable[[], Array]:
+    def compute_covariance(self) -> Callable[[], Array]:
         """Return a function that computes the covariance of the columns without the products. Shape (a, a)."""
         lower, deviation = self.lower, self.deviation
         return lambda: mirror_lower(_covariance_triangle(lower, deviation))
@@ -129,10 +129,10 @@ class SolvedColumns:
         rows, weights, hyper = self.rows, self.rows.weights, self.hyper
         # second moment of the columns; twice a triangle replaces both
         triangle = _covariance_triangle(self.lower, self.deviation)
-        own = np.diag(triangle)
+        diagonal = np.diag(triangle)
         moment = np.outer(self.mean, self.mean)
         moment += 2.0 * triangle.T
-        moment.reshape(-1)[:: len(own) + 1] -= own
+        moment.reshape(-1)[:: len(diagonal) + 1] -= diagonal
         expected = rows.square - 2.0 * rows.against @ self.mean + rows.gram @ moment.reshape(-1)
         share = weights.share(hyper.log_shared)
         by_shared = np.exp(-hyper.log_noise)[weights.channel] * expected / (1.0 + share) - weights.count
@@ -141,7 +141,7 @@ class SolvedColumns:
         of_shared = np.bincount(weights.channel, share / (1.0 + share) * by_shared, len(hyper.log_noise))
         # G - G S G = 1/D - S/D^2 on the diagonal
         variance = np.maximum(self.deviation**2, 1e-300)
-        of_columns = 0.5 * (self.pull**2 - (1.0 - own / variance) / variance)
+        of_columns = 0.5 * (self.pull**2 - (1.0 - diagonal / variance) / variance)
         return np.asarray(of_noise), np.asarray(of_shared), of_columns
 
 
@@ -157,10 +157,10 @@ def list_products(channels: Sequence[ChannelProducts]) -> tuple[ProductWeights, 
     """List the inner products of all channels, each once, and their weights in the evidence."""
     found: list[tuple[int, int, float, Products]] = []
     for number, channel in enumerate(channels):
-        beside = {size: means for size, means in channel.means.items() if means is not channel.total}
-        own = [size for size in channel.means if size not in beside]
-        found.append((number, own[0] if own else 0, 1.0, channel.total))
-        found += [(number, size, 0.0, means) for size, means in beside.items()]
+        further = {size: means for size, means in channel.means.items() if means is not channel.total}
+        single = [size for size in channel.means if size not in further]
+        found.append((number, single[0] if single else 0, 1.0, channel.total))
+        found += [(number, size, 0.0, means) for size, means in further.items()]
     products = [part for *_, part in found]
     numbers, sizes, whole = (np.array([entry[k] for entry in found]) for k in range(3))
     count = np.array([part.count for part in products], float)

@@ -46,13 +46,13 @@ class ChannelProducts:
     #: Products of the group means (times the root of its size) by group size; `total` itself where every group is a
     #: single row.
     means: dict[int, Products]
-    witnesses: float  #: Degrees of freedom of the noise estimate.
+    degrees_of_freedom: float  #: Degrees of freedom of the noise estimate.
 
     def take(self, columns: NDArray[np.int_]) -> ChannelProducts:
         """Select columns."""
         total = self.total.take(columns)
-        means = {size: total if own is self.total else own.take(columns) for size, own in self.means.items()}
-        return ChannelProducts(self.name, total, means, self.witnesses)
+        means = {size: total if part is self.total else part.take(columns) for size, part in self.means.items()}
+        return ChannelProducts(self.name, total, means, self.degrees_of_freedom)
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,8 +172,8 @@ def representable_forms(equations: NormalEquations, special: int) -> set[int]:
         wide = equations.columns(number)
         if signature.joint != joint or len(wide) <= len(narrow):
             continue
-        across, own = multiply(wide, narrow), multiply(wide, wide)
-        explained = np.trace(across.T @ np.linalg.pinv(own, rcond=1e-9, hermitian=True) @ across)
+        across, gram = multiply(wide, narrow), multiply(wide, wide)
+        explained = np.trace(across.T @ np.linalg.pinv(gram, rcond=1e-9, hermitian=True) @ across)
         if explained > (1.0 - np.sqrt(ROUNDING)) * whole:
             found.add(number)
     return found
@@ -196,15 +196,15 @@ def _number_columns(
     number = {name: k for k, name in enumerate(names)}
     index, scale, picked = [], [], []
     for count, signature in enumerate(signatures):
-        own = []
+        columns = []
         for k, name in enumerate(signature.column_names):
             if name not in number:
                 number[name] = len(names)
                 names.append(name)
                 scale.append(float(signature.scale[k]))
                 picked.append((count, k))
-            own.append(number[name])
-        index.append(np.array(own, int))
+            columns.append(number[name])
+        index.append(np.array(columns, int))
     return index, names, scale, picked
 
 
@@ -214,22 +214,22 @@ def _design(channel: Channel, signatures: Sequence[Signature], picked: Sequence[
     part = {"position": slice(0, 3), "orientation": slice(3, 6)}.get(channel.name, slice(None))
     start = 0
     for number, of_one in groupby(picked, key=lambda pick: pick[0]):
-        signature, own = signatures[number], [k for _, k in of_one]
+        signature, columns = signatures[number], [k for _, k in of_one]
         motion = signature.encoder if channel.name == "encoder" else signature.twist
         if channel.name == "distance":
             motion = signature.between
         if motion is not None:
-            factor = signature.scale[own] / channel.sigma
+            factor = signature.scale[columns] / channel.sigma
             rows = np.arange(len(channel.rows)) if channel.name == "distance" else channel.rows
-            result[:, :, start : start + len(own)] = motion[:, part][rows][..., own] * factor[:, None]
-        start += len(own)
+            result[:, :, start : start + len(columns)] = motion[:, part][rows][..., columns] * factor[:, None]
+        start += len(columns)
     return result if channel.direction is None else along(channel.direction, result)
 
 
 def _multiply(channel: Channel, design: Array, observed: Array, old: ChannelProducts | None = None) -> ChannelProducts:
     """Multiply columns with columns and observations; blocks in `old` are reused."""
-    design, observed, told = turn_along(channel, design, observed)
-    total = _products(design, observed, None if old is None else old.total, told)
+    design, observed, measured = turn_along(channel, design, observed)
+    total = _products(design, observed, None if old is None else old.total, measured)
     means: dict[int, Products] = {}
     group = channel.group
     first = np.flatnonzero(np.r_[True, np.diff(group) > 0]) if len(group) else group
@@ -241,38 +241,38 @@ def _multiply(channel: Channel, design: Array, observed: Array, old: ChannelProd
         mean_design = np.add.reduceat(design, first, axis=0)
         mean_design /= root[:, :, None]
         mean_observed = np.add.reduceat(observed, first, axis=0) / root
-        mean_told = np.logical_or.reduceat(told, first, axis=0)
+        mean_measured = np.logical_or.reduceat(measured, first, axis=0)
         sizes = typical_size(sizes)
         for size in np.unique(sizes):
             chosen = sizes == size
             known = None if old is None else old.means[int(size)]
-            means[int(size)] = _products(mean_design[chosen], mean_observed[chosen], known, mean_told[chosen])
-    return ChannelProducts(channel.name, total, means, channel.noise.witnesses)
+            means[int(size)] = _products(mean_design[chosen], mean_observed[chosen], known, mean_measured[chosen])
+    return ChannelProducts(channel.name, total, means, channel.noise.degrees_of_freedom)
 
 
 def turn_along(channel: Channel, design: Array, observed: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
     """Rotate rows that measure one value so that it is first; also return which values are measured. Shape (r, c)."""
-    told = np.ones(observed.shape, bool)
+    measured = np.ones(observed.shape, bool)
     if channel.direction is None:
-        return design, observed, told
+        return design, observed, measured
     one = np.isfinite(channel.direction).all(axis=1)
-    told[one, 1:] = False
+    measured[one, 1:] = False
     design, observed = design.copy(), observed.copy()
     unit = channel.direction[one]
     design[one, 0], observed[one, 0] = np.einsum("ni,nip->np", unit, design[one]), np.sum(unit * observed[one], axis=1)
     design[one, 1:], observed[one, 1:] = 0.0, 0.0
-    return design, observed, told
+    return design, observed, measured
 
 
-def _products(design: Array, observed: Array, old: Products | None, told: NDArray[np.bool_]) -> Products:
+def _products(design: Array, observed: Array, old: Products | None, measured: NDArray[np.bool_]) -> Products:
     # without parameters there are no columns, and the shape does not contain the number of values
     flat, y = design.reshape(observed.size, design.shape[-1]), observed.reshape(-1)
     if old is None:
-        return Products(int(told.sum()), flat.T @ flat, flat.T @ y, float(y @ y))
+        return Products(int(measured.sum()), flat.T @ flat, flat.T @ y, float(y @ y))
     p, count = len(old.against), flat.shape[1]
     fresh = np.ascontiguousarray(flat[:, p:])
     gram = np.empty((count, count))
     gram[:p, :p] = old.gram
     gram[p:] = fresh.T @ flat
     gram[:p, p:] = gram[p:, :p].T
-    return Products(int(told.sum()), gram, np.concatenate([old.against, fresh.T @ y]), old.square)
+    return Products(int(measured.sum()), gram, np.concatenate([old.against, fresh.T @ y]), old.square)

@@ -66,13 +66,13 @@ def propose_shifts(at: Linearization, channels: Sequence[Channel], left: Sequenc
     for model, twist in kinds:
         gains = _step_gains(channels, left, twist, len(at.campaign))
         order = starts[np.argsort(-gains[starts])]
-        taken: list[int] = []
+        used: list[int] = []
         for row in order:
-            if len(taken) == PROPOSALS.proposed or gains[row] < beats_chance(len(starts)):
+            if len(used) == PROPOSALS.proposed or gains[row] < beats_chance(len(starts)):
                 break
-            if all(abs(int(row) - other) > FEW_ROWS for other in taken):
-                taken.append(int(row))
-        for row in taken:
+            if all(abs(int(row) - other) > FEW_ROWS for other in used):
+                used.append(int(row))
+        for row in used:
             found += model.shift_at(at, row, tried=max(len(starts), 1))
     return found
 
@@ -160,11 +160,11 @@ class _Spectrum:
         whole, even = wave_grid(spread, slides)
         self.grid, self.order = np.unique(np.concatenate([whole, even]), return_index=True)
         self.count = len(even)
-        own = angle[:, None] * (2 * np.pi if slides else 1.0)
+        phase = angle[:, None] * (2 * np.pi if slides else 1.0)
         width = int(np.ceil(np.sqrt(max(self.count, 1))))
         step = even[1] - even[0] if self.count > 1 else 0.0
-        self.whole = _turn(own * whole)
-        self.coarse, self.fine = _turn(own * even[::width]), _turn(own * (step * np.arange(width)))
+        self.whole = _turn(phase * whole)
+        self.coarse, self.fine = _turn(phase * even[::width]), _turn(phase * (step * np.arange(width)))
 
     def sums(self, signal: Array) -> Waves:
         """Return the sum of signal times exp(i f x) for every cycle f. Shape (n,) -> (cycles,)."""
@@ -186,7 +186,7 @@ def _turn(phase: Array) -> Waves:
 
 
 def _projected(
-    at: Linearization, channels: Sequence[Channel], left: Sequence[Array], own: list[Array] | None, index: int
+    at: Linearization, channels: Sequence[Channel], left: Sequence[Array], fitted: list[Array] | None, index: int
 ) -> tuple[Array, Array]:
     """Project the residuals on the motion of one joint: pull J^T e and weight J^T J of every row, noise units."""
     n = len(at.campaign)
@@ -202,7 +202,7 @@ def _projected(
             column = at.motion[channel.rows, part, index] / channel.sigma
             if channel.direction is not None:
                 column = along(channel.direction, column)
-        total = rest if own is None else rest + own[number]
+        total = rest if fitted is None else rest + fitted[number]
         pull[channel.rows] += np.einsum("ni,ni->n", column, total)
         weight[channel.rows] += np.einsum("ni,ni->n", column, column)
     return pull, weight

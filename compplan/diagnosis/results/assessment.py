@@ -208,20 +208,20 @@ def _spreads(diagnosis: Diagnosis) -> dict[str, float]:
         return {}
     size = np.sqrt(np.maximum(np.diag(posterior.covariance), 0.0))
     free = np.isin(posterior.columns, equations.columns_named(REGISTRATION))
-    told = ~free | (size < NEGLIGIBLE * np.sqrt(EVIDENCE.free_variance))
+    determined = ~free | (size < NEGLIGIBLE * np.sqrt(EVIDENCE.free_variance))
     size = size * equations.scale[posterior.columns]
-    return {equations.names[c]: float(s) for c, s, t in zip(posterior.columns, size, told, strict=True) if t}
+    return {equations.names[c]: float(s) for c, s, d in zip(posterior.columns, size, determined, strict=True) if d}
 
 
 def _halves(
     equations: NormalEquations, name: str, form: str | None, spreads: dict[str, float]
 ) -> tuple[Array | None, Array | None]:
     """Return half widths of a frame's position [mm] and turns [deg], None if the campaign does not determine them."""
-    own: dict[str, float] = {}
+    halves: dict[str, float] = {}
     for number, signature in enumerate(equations.signatures):
         if signature.name == name and form in (None, signature.form):
             for column, key in zip(equations.columns(number), signature.keys, strict=True):
-                own[key] = HALF_WIDTH * spreads.get(equations.names[column], np.nan)
-    position = 1e3 * np.array([own.get(f"t{axis}_m", np.nan) for axis in "xyz"])
-    angles = np.rad2deg([own.get(f"r{axis}_rad", np.nan) for axis in "xyz"])
+                halves[key] = HALF_WIDTH * spreads.get(equations.names[column], np.nan)
+    position = 1e3 * np.array([halves.get(f"t{axis}_m", np.nan) for axis in "xyz"])
+    angles = np.rad2deg([halves.get(f"r{axis}_rad", np.nan) for axis in "xyz"])
     return (position if np.isfinite(position).all() else None), (angles if np.isfinite(angles).all() else None)

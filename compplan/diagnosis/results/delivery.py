@@ -19,7 +19,7 @@ from compplan.diagnosis.results.posterior import state_uncertainty
 from compplan.diagnosis.results.verdict import Verdict
 from compplan.diagnosis.search.fit import register_again
 from compplan.diagnosis.search.search import SHIFTS, Claim
-from compplan.diagnosis.search.state import Fit, FitState, Problem, attain_state, stands
+from compplan.diagnosis.search.state import Fit, FitState, Problem, attain_state, has_equilibrium
 from compplan.diagnosis.validation.calibration import calibrate, calibrated_state, hold_out_calibration
 from compplan.diagnosis.validation.held_out import Folds, HeldOut
 from compplan.effects import fold_effects, is_of_instrument
@@ -63,7 +63,7 @@ def deliver_robot(
     better = held.of(seen).rms < (1.0 - NEGLIGIBLE) * before.rms and stated.of(seen).rms < before.rms
     values = found.posterior.values(fit.search.equations.p)
     state = calibrated_state(fit, values, found.named) if better else nominal
-    if not better or not stands(problem, state):
+    if not better or not has_equilibrium(problem, state):
         known = state_uncertainty(fit, found, nominal, plain, good)
         return Delivery(NOMINAL, nominal, plain, _residual(problem, nominal), known, found.posterior)
     state = register_again(fit, state, fit.state.use)

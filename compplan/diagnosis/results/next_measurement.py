@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from scipy.linalg import block_diag
 from scipy.special import expit, logit, ndtri
 
-from compplan.diagnosis.data.shared import ENOUGH_ROWS, FEW_ROWS, LISTED, NEGLIGIBLE, SAMPLE, SEED, SURE, rank_number
+from compplan.diagnosis.data.shared import CERTAIN, ENOUGH_ROWS, FEW_ROWS, LISTED, NEGLIGIBLE, SAMPLE, SEED, rank_number
 from compplan.diagnosis.evidence.candidates import key_of, offered_signatures, propose_again
 from compplan.diagnosis.results.result import Diagnosis, place_table
 from compplan.diagnosis.results.verdict import NAMING, Verdict
@@ -98,10 +98,10 @@ def propose_measurements(diagnosis: Diagnosis) -> list[dict[str, Any]]:
 def find_pairs(fit: Fit, verdict: Verdict) -> Iterable[Pair]:
     """Pair every claim with its indistinguishable rivals, every uncertain one with its best replacement or none."""
     search, model = fit.search, fit.model
-    judged = {finding.signature: finding for finding in (*verdict.findings, *verdict.doubtful)}
+    by_signature = {finding.signature: finding for finding in (*verdict.findings, *verdict.doubtful)}
     small = {finding.signature for finding in verdict.minor}
     for claim in (c for c in model.claims if c.signature not in small):
-        finding = judged.get(claim.signature)
+        finding = by_signature.get(claim.signature)
         # claims that unmodelled errors explain as well are improbable
         probability = NAMING.refused if finding is None else finding.probability
         rivals = find_alternatives(fit, claim.signature) if finding is None else finding.rivals
@@ -117,9 +117,9 @@ def find_pairs(fit: Fit, verdict: Verdict) -> Iterable[Pair]:
         alike = [rival.place for rival in rivals if rival.alike and rival.place in best]
         for rival in alike[: SEARCH.tried]:
             other = search.model((*rest, best[rival]), model.posterior.hyper, fit=False)
-            odds = np.clip((here.score - other.score) / MAP.temper, 0.0, logit(SURE))
+            odds = np.clip((here.score - other.score) / MAP.temper, 0.0, logit(CERTAIN))
             yield Pair(place, rival, here, other, float(odds))
-        if probability < SURE:
+        if probability < CERTAIN:
             odds = float(logit(probability))
             strongest = next((g for g in gains if _place(fit, g.signature) not in (place, *alike)), None)
             if strongest is None or strongest.log_evidence <= 0.0:
@@ -159,8 +159,8 @@ def predict_columns(fit: Fit, at: Linearization) -> list[Array]:
         for channel, design in zip(equations.source, designs, strict=True):
             motion = motions.get(channel.name)
             if motion is not None:
-                own = equations.scale[columns[fresh]] / channel.noise.sigma
-                design[:, :, columns[fresh]] = motion[:, :, fresh] * own
+                scale = equations.scale[columns[fresh]] / channel.noise.sigma
+                design[:, :, columns[fresh]] = motion[:, :, fresh] * scale
         done.update(columns[fresh].tolist())
     return designs
 
@@ -196,8 +196,8 @@ def pick_poses(mean: Array, covariance: Array, rows: Array) -> tuple[list[int], 
     Returns:
         Their numbers, and the expected log likelihood ratio of all of them together.
     """
-    worth = weight_rows(odds_gains, covariance, rows, 1.0, mean)
-    picked = list(grow_choice(worth, min(FEW_ROWS, len(rows))))
+    gains = weight_rows(odds_gains, covariance, rows, 1.0, mean)
+    picked = list(grow_choice(gains, min(FEW_ROWS, len(rows))))
     return [pose for pose, _ in picked], sum(added for _, added in picked)
 
 
@@ -244,7 +244,7 @@ def list_rows(robot: Robot, campaign: Campaign, seed: int = SEED) -> Campaign:
     Poses without load, then some of them under a load each.
     """
     poses = draw_poses(robot, campaign, np.random.default_rng(seed))
-    loaded, loads = poses[:ENOUGH_ROWS], np.array(given_loads(campaign))
+    loaded, loads = poses[:ENOUGH_ROWS], np.array(list_loads(campaign))
     before = np.resize(np.flatnonzero(campaign.usable), FEW_ROWS)
     q = np.concatenate([campaign.q[before], poses, loaded])
     under = loads[np.arange(len(loaded)) % len(loads)]
@@ -269,7 +269,7 @@ def list_rows(robot: Robot, campaign: Campaign, seed: int = SEED) -> Campaign:
 def draw_poses(robot: Robot, campaign: Campaign, random: np.random.Generator) -> Array:
     """Draw poses within joint limits, no closer to floor and column than in the campaign. Shape (<= 40, nq)."""
     q = random.uniform(*joint_range(robot, campaign), (4 * SAMPLE, robot.nq))
-    return q[keeps_clear(robot, campaign, q)][: 2 * ENOUGH_ROWS]
+    return q[is_clear(robot, campaign, q)][: 2 * ENOUGH_ROWS]
 
 
 def joint_range(robot: Robot, campaign: Campaign) -> tuple[Array, Array]:
@@ -283,7 +283,7 @@ def joint_range(robot: Robot, campaign: Campaign) -> tuple[Array, Array]:
     return np.where(endless, seen.min(0), lower + margin), np.where(endless, seen.max(0), upper - margin)
 
 
-def keeps_clear(robot: Robot, campaign: Campaign, q: Array) -> NDArray[np.bool_]:
+def is_clear(robot: Robot, campaign: Campaign, q: Array) -> NDArray[np.bool_]:
     """Return which poses are no lower and no nearer to the base axis than the campaign. Shape (n,)."""
     usable = np.flatnonzero(campaign.usable)
     some = usable[:: max(1, len(usable) // SAMPLE)]
@@ -294,7 +294,7 @@ def keeps_clear(robot: Robot, campaign: Campaign, q: Array) -> NDArray[np.bool_]
     )
 
 
-def given_loads(campaign: Campaign) -> list[Array]:
+def list_loads(campaign: Campaign) -> list[Array]:
     """List the largest loads of the campaign, or a known weight if it had none."""
     wrench = campaign.wrench[campaign.usable & ~campaign.unloaded]
     if not campaign.load_varies or not len(wrench):

@@ -20,7 +20,7 @@ from compplan.diagnosis.data.channels import group_poses
 from compplan.diagnosis.data.shared import HALF_WIDTH, LEVEL, SAMPLE
 from compplan.diagnosis.evidence.candidates import in_background
 from compplan.diagnosis.evidence.evidence import Posterior
-from compplan.diagnosis.results.verdict import Verdict, unname
+from compplan.diagnosis.results.verdict import Verdict, drop_insignificant
 from compplan.diagnosis.search.state import Fit, FitState
 from compplan.diagnosis.validation.calibration import Calibration
 from compplan.diagnosis.validation.held_out import HeldOut
@@ -65,10 +65,10 @@ def state_uncertainty(
     model = design @ covariance @ np.swapaxes(design, 1, 2)
     noise = channel.sigma[:, 0] ** 2 + channel.noise.stay**2
     seen = good[channel.rows]
-    left, told, axes = held.residual[seen], channel.told[seen], channel.axes[seen]
-    excess = np.sum(left**2, axis=1) - told * noise[seen] - np.trace(model[seen], axis1=1, axis2=2)
+    left, n_values, axes = held.residual[seen], channel.n_values[seen], channel.axes[seen]
+    excess = np.sum(left**2, axis=1) - n_values * noise[seen] - np.trace(model[seen], axis1=1, axis2=2)
     # the value of a gauge or a bar covers one of three axes
-    unexplained = float(np.sqrt(max(axes.shape[1] * excess.sum() / told.sum(), 0.0))) if len(left) else 0.0
+    unexplained = float(np.sqrt(max(axes.shape[1] * excess.sum() / n_values.sum(), 0.0))) if len(left) else 0.0
     place = fit.at.point[channel.rows][seen]
     pose = group_poses(campaign)[channel.rows][seen]
     along = unexplained**2 / axes.shape[1] * axes
@@ -91,32 +91,32 @@ def state_uncertainty(
     return free_base(fit.problem.robot, stated) if adrift else stated
 
 
-def size_named(fit: Fit, posterior: Posterior, verdict: Verdict, calibration: float) -> tuple[Verdict, Uncertainty]:
+def set_calibrated_sizes(fit: Fit, posterior: Posterior, verdict: Verdict, scale: float) -> tuple[Verdict, Uncertainty]:
     """Set named effects to their values in the calibration, and compute their covariance.
 
     Effects whose 95 % region contains zero are no longer named: v^T C^-1 v of values v and covariance C is then below
-    the 95 % point of chi-square. `posterior` is that of the calibration; `calibration` is the factor of all deviations
+    the 95 % point of chi-square. `posterior` is that of the calibration; `scale` is the factor of all deviations
     by which bands cover held-out poses.
     """
     robot, equations = fit.problem.robot, fit.search.equations
-    values, findings, told = posterior.values(equations.p), [], set[int]()
-    unknowns, columns = [], np.zeros(0, int)
+    values, findings, determined = posterior.values(equations.p), [], set[int]()
+    unknowns, chosen = [], np.zeros(0, int)
     for finding in verdict.findings:
         if finding.signature >= 0:
-            signature, own = equations.signatures[finding.signature], equations.columns(finding.signature)
-            size = limit_sizes(robot, signature, values[own] * signature.scale)
+            signature, columns = equations.signatures[finding.signature], equations.columns(finding.signature)
+            size = limit_sizes(robot, signature, values[columns] * signature.scale)
             finding = replace(finding, effect=signature.effect(size))
-            if 2.0 * posterior.loss_without(own) > calibration**2 * chdtri(len(own), 1.0 - LEVEL):
-                told.add(finding.signature)
-            if np.isin(own, posterior.columns).all() and not np.isin(own, columns).any():
-                unknowns.append(Unknown(*signature.place, signature.keys, np.zeros(len(own)), dict(signature.fixed)))
-                columns = np.r_[columns, own]
+            if 2.0 * posterior.loss_without(columns) > scale**2 * chdtri(len(columns), 1.0 - LEVEL):
+                determined.add(finding.signature)
+            if np.isin(columns, posterior.columns).all() and not np.isin(columns, chosen).any():
+                unknowns.append(Unknown(*signature.place, signature.keys, np.zeros(len(size)), dict(signature.fixed)))
+                chosen = np.r_[chosen, columns]
         findings.append(finding)
-    at = np.searchsorted(posterior.columns, columns)
-    covariance = posterior.covariance[np.ix_(at, at)] * np.outer(equations.scale[columns], equations.scale[columns])
+    at = np.searchsorted(posterior.columns, chosen)
+    covariance = posterior.covariance[np.ix_(at, at)] * np.outer(equations.scale[chosen], equations.scale[chosen])
     spread, factor = spread_unknowns(unknowns, covariance)
-    sizes = Uncertainty("measured", "named effects", spread, factor, calibration=calibration)
-    return unname(replace(verdict, findings=tuple(findings)), told), sizes
+    sizes = Uncertainty("measured", "named effects", spread, factor, calibration=scale)
+    return drop_insignificant(replace(verdict, findings=tuple(findings)), determined), sizes
 
 
 def _list_unknowns(fit: Fit, found: Calibration) -> tuple[list[Unknown], NDArray[np.int_]]:
@@ -124,8 +124,8 @@ def _list_unknowns(fit: Fit, found: Calibration) -> tuple[list[Unknown], NDArray
 
     Gear waves that the campaign does not show are left out.
     """
-    equations, told = fit.search.equations, found.posterior.columns
-    small = told[fit.search.prior.background[told] >= 0]
+    equations, determined = fit.search.equations, found.posterior.columns
+    small = determined[fit.search.prior.background[determined] >= 0]
     rest = [n for n in range(len(equations.signatures)) if n not in found.named]
     unknowns, columns = list[Unknown](), list[int]()
     for number in (*found.named, *rest):
@@ -133,13 +133,13 @@ def _list_unknowns(fit: Fit, found: Calibration) -> tuple[list[Unknown], NDArray
         named = number in found.named
         if not (named or in_background(signature)) or is_of_instrument(signature.name):
             continue
-        own = [(int(c), key) for c, key in zip(equations.columns(number), signature.keys, strict=True)]
-        own = [(c, key) for c, key in own if c in (told if named else small) and c not in columns]
+        entries = [(int(c), key) for c, key in zip(equations.columns(number), signature.keys, strict=True)]
+        entries = [(c, key) for c, key in entries if c in (determined if named else small) and c not in columns]
         # a list parameter is included completely or not at all
-        if own and (len(own) == len(signature.keys) or "#" not in signature.keys[0]):
-            columns += [c for c, _ in own]
-            keys = tuple(key for _, key in own)
-            unknowns.append(Unknown(*signature.place, keys, np.zeros(len(own)), dict(signature.fixed)))
+        if entries and (len(entries) == len(signature.keys) or "#" not in signature.keys[0]):
+            columns += [c for c, _ in entries]
+            keys = tuple(key for _, key in entries)
+            unknowns.append(Unknown(*signature.place, keys, np.zeros(len(entries)), dict(signature.fixed)))
     return unknowns, np.array(columns, int)
 
 

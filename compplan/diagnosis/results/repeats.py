@@ -43,10 +43,10 @@ class RepeatCheck:
     @property
     def sentence(self) -> str:
         """Description in one sentence."""
-        said = f"scatter by {self.times_sigma:.2g} times the stated sigma (chance: up to {self.chance:.2g})"
+        text = f"scatter by {self.times_sigma:.2g} times the stated sigma (chance: up to {self.chance:.2g})"
         if self.joint is None:
-            return said
-        return f"{said} and creep within a stay, along {self.joint} with its {self.driver} (r {self.correlation:.2f})"
+            return text
+        return f"{text} and creep within a stay, along {self.joint} with its {self.driver} (r {self.correlation:.2f})"
 
 
 def check_repeats(at: Linearization, residual: Array) -> RepeatCheck | None:
@@ -54,8 +54,8 @@ def check_repeats(at: Linearization, residual: Array) -> RepeatCheck | None:
     campaign = at.campaign
     if campaign.sigma is None:
         return None
-    told = np.isfinite(residual).all(axis=1) & (np.nan_to_num(campaign.sigma) > 0)
-    rows = np.flatnonzero(told & campaign.measured & ~campaign.on_path)
+    stated = np.isfinite(residual).all(axis=1) & (np.nan_to_num(campaign.sigma) > 0)
+    rows = np.flatnonzero(stated & campaign.measured & ~campaign.on_path)
     sigma = campaign.sigma[rows, None]
     scatter, freedom = _centre(residual[rows] / sigma, group_repeats(campaign, rows))
     if freedom < 2:

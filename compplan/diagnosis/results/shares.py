@@ -114,8 +114,8 @@ def divide_gap(diagnosis: Diagnosis, seed: int = SEED) -> tuple[Shares, SmallErr
     for number, part in enumerate(every):
         found.setdefault((part.place, part.kind), []).append(number)
     groups = [
-        (*name, find_interval(sum(point[n] for n in own), np.sum([drawn[n] for n in own], axis=0)))
-        for name, own in found.items()
+        (*name, find_interval(sum(point[n] for n in members), np.sum([drawn[n] for n in members], axis=0)))
+        for name, members in found.items()
     ]
     groups.sort(key=lambda group: -rank_number(group[2].share))
     by_place, by_kind = (total([getattr(part, key) for part in every], drawn) for key in ("place", "kind"))
@@ -152,7 +152,7 @@ class PosteriorMotion:
         square = float(self.gap @ self.gap) / len(self.rows)
         self.noise = float(np.clip(diagnosis.verdict.structure.floor**2 / max(square, 1e-300), 0.0, 1.0))
 
-    def follow(self, name: str) -> str:
+    def driver(self, name: str) -> str:
         """Return the driver of an effect's error; without any load, "load" becomes "gravity"."""
         driver, campaign = driver_of(name), self.diagnosis.fit.problem.campaign
         loaded = driver != "load" or bool(campaign.is_load(campaign.wrench[campaign.usable]).any())
@@ -167,10 +167,10 @@ class PosteriorMotion:
         self, name: str, columns: NDArray[np.int_], place: str, probability: float = 1.0, *, small: bool = False
     ) -> Part:
         """Return the part of given columns of the normal equations."""
-        own = np.flatnonzero(np.isin(self.columns, columns))
+        index = np.flatnonzero(np.isin(self.columns, columns))
         kind = kind_of(name, self.diagnosis.fit.problem.campaign.load_varies)
-        moved = self.design[:, own] @ self.mean[own]
-        return Part(place, kind, self.follow(name), probability, moved, own, small)
+        moved = self.design[:, index] @ self.mean[index]
+        return Part(place, kind, self.driver(name), probability, moved, index, small)
 
     def divide(self, parts: Sequence[Part]) -> tuple[list[float], list[Array]]:
         """Return the share of each part, and drawn shares of shape (SAMPLE,)."""
@@ -180,7 +180,7 @@ class PosteriorMotion:
         left = self.gap - sum((part.motion for part in parts), np.zeros_like(self.gap))
         rest = self.gap[:, None] - sum(moves, np.zeros((len(self.gap), SAMPLE)))
         back = [float(part.motion @ (part.motion + 2.0 * left)) for part in parts]
-        drawn_back = [np.einsum("ij,ij,ij->j", self.weight, own, own + 2.0 * rest) for own in moves]
+        drawn_back = [np.einsum("ij,ij,ij->j", self.weight, move, move + 2.0 * rest) for move in moves]
         explained = np.array([1.0 - float(left @ left) / square])
         point = _scale_to(np.array(back).reshape(-1, 1), explained)[:, 0].tolist()
         explained = 1.0 - np.einsum("ij,ij->j", self.weight, rest**2) / whole
@@ -199,14 +199,14 @@ def list_parts(diagnosis: Diagnosis, motion: PosteriorMotion) -> list[Part]:
     parts: list[Part] = []
     for finding in motion.conventions:
         place = locate_effect(finding.effect.name, finding.effect.joint)
-        own = motion.part(finding.effect.name, nothing, place, finding.probability)
+        part = motion.part(finding.effect.name, nothing, place, finding.probability)
         # several conventions share it equally
-        parts.append(replace(own, motion=(motion.gap - motion.first_order) / len(motion.conventions)))
-    taken = set[int]()
+        parts.append(replace(part, motion=(motion.gap - motion.first_order) / len(motion.conventions)))
+    used = set[int]()
     for finding in (f for f in diagnosis.verdict.findings if f.signature >= 0):
         name, columns = finding.effect.name, equations.columns(finding.signature)
         parts.append(motion.part(name, columns, locate_effect(name, finding.effect.joint), finding.probability))
-        taken.update(columns.tolist())
+        used.update(columns.tolist())
     small: dict[tuple[str, str], list[int]] = {}
     for number, signature in enumerate(equations.signatures):
         if signature.name == REGISTRATION:
@@ -216,10 +216,10 @@ def list_parts(diagnosis: Diagnosis, motion: PosteriorMotion) -> list[Part]:
         places = [str(joint) for joint in joints] if len(joints) == len(signature.keys) else []
         places = places or [locate_effect(signature.name, signature.joint)] * len(signature.keys)
         for column, place in zip(equations.columns(number).tolist(), places, strict=True):
-            if column not in taken:
-                taken.add(column)
+            if column not in used:
+                used.add(column)
                 small.setdefault((signature.name, place), []).append(column)
-    found = [motion.part(name, np.array(own), place, small=True) for (name, place), own in small.items()]
+    found = [motion.part(name, np.array(columns), place, small=True) for (name, place), columns in small.items()]
     return [*parts, *(part for part in found if len(part.columns))]
 
 
@@ -244,15 +244,15 @@ def find_interval(share: float, drawn: Array) -> Share:
 
 
 def add_up(
-    names: Sequence[str], homes: Sequence[str], stated: Sequence[float], drawn: Sequence[Array], noise: float
+    names: Sequence[str], part_names: Sequence[str], stated: Sequence[float], drawn: Sequence[Array], noise: float
 ) -> dict[str, Share]:
     """Add up the shares of parts by name; the unexplained share is last.
 
-    `homes` are the names of the parts, `stated` their shares, `drawn` their drawn shares. Shape (SAMPLE,) each.
+    `part_names` are the names of the parts, `stated` their shares, `drawn` their drawn shares. Shape (SAMPLE,) each.
     """
     draws = {name: np.zeros(SAMPLE) for name in names}
     shares = dict.fromkeys(names, 0.0)
-    for name, share, values in zip(homes, stated, drawn, strict=True):
+    for name, share, values in zip(part_names, stated, drawn, strict=True):
         shares[name] += share
         draws[name] = draws[name] + values
     rest = np.maximum(1.0 - noise - sum(draws.values(), np.zeros(SAMPLE)), 0.0)
@@ -265,13 +265,6 @@ def _scale_to(values: Array, explained: Array) -> Array:
     positive = np.maximum(values, 0.0)
     whole = np.maximum(positive.sum(axis=0), 1e-300)
     return np.asarray(positive / whole * np.clip(explained, 0.0, 1.0))
-
-
-#: Kinds of errors by driver; those that follow the load are the robot's own weight if the load does not vary.
-GEOMETRY, GEARS, WEIGHT, LOAD, OTHER = "geometry", "gears", "own weight", "load", "other"
-KINDS = {
-    "posture": GEOMETRY, "joint angle": GEARS, "direction of approach": GEARS, "gravity": WEIGHT, "load": LOAD,
-}  # fmt: skip
 
 
 def kind_of(name: str, loaded: bool) -> str:

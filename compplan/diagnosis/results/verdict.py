@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.diagnosis.data.shared import ROUNDING, STEPS, SURE, beats_chance, rank_number, rms_length
+from compplan.diagnosis.data.shared import CERTAIN, ROUNDING, STEPS, beats_chance, rank_number, rms_length
 from compplan.diagnosis.evidence.candidates import REGISTRATION
 from compplan.diagnosis.evidence.likelihood import Hyper
 from compplan.diagnosis.evidence.normal_equations import representable_forms
@@ -51,7 +51,7 @@ class NamingSettings:
     #: Least share of an unmodelled error for which its driver is reported (assumed).
     mentioned: float = 0.4
     #: Probability of a claim that unmodelled errors explain as well, and of one with an impossible size (assumed).
-    refused: float = 1.0 - SURE
+    refused: float = 1.0 - CERTAIN
     #: Largest margin; larger ones are clipped (assumed).
     most_margin: float = 1000.0
     #: Least share of the values that counts as degrees of freedom of the noise (assumed).
@@ -127,9 +127,9 @@ def reach_verdict(fit: Fit, revised: RevisedProbabilities) -> Verdict:
     return Verdict(status, named, doubtful, minor, structure)
 
 
-def unname(verdict: Verdict, told: Collection[int]) -> Verdict:
-    """Move named effects without a signature in `told`, whose size may be zero, to `doubtful`."""
-    kept = tuple(f for f in verdict.findings if f.signature < 0 or f.signature in told)
+def drop_insignificant(verdict: Verdict, determined: Collection[int]) -> Verdict:
+    """Move named effects without a signature in `determined`, whose size may be zero, to `doubtful`."""
+    kept = tuple(f for f in verdict.findings if f.signature < 0 or f.signature in determined)
     if len(kept) == len(verdict.findings):
         return verdict
     status = verdict.status if kept else "unknown"
@@ -214,9 +214,9 @@ def measure_structure(fit: Fit, revised: RevisedProbabilities) -> Structure:
     left = (
         equations.observed[0] - equations.designs[0][..., np.flatnonzero(values)] @ values[values != 0]
     ) * source.sigma
-    told = float(source.told.sum())
-    used = told - count_used(revised, foreign)
-    rms = float(np.sqrt(told / len(left) * np.sum(left**2) / max(used, NAMING.left_to_noise * told)))
+    n_values = float(source.n_values.sum())
+    used = n_values - count_used(revised, foreign)
+    rms = float(np.sqrt(n_values / len(left) * np.sum(left**2) / max(used, NAMING.left_to_noise * n_values)))
     floor = noise_floor(fit)
     claimed = equations.join_columns(revised.model.signatures)
     frames = equations.columns_named(REGISTRATION)
@@ -265,10 +265,10 @@ def find_dependences(revised: RevisedProbabilities, structure: Structure) -> tup
 def noise_floor(fit: Fit) -> float:
     """Return the rms 3D distance that a perfect model leaves of a row of the log. [m]"""
     noise, scatter = fit.noises["position"], fit.problem.campaign.scatter
-    factor = min(float(np.exp(fit.model.posterior.hyper.log_noise[0])), noise.leeway)
-    told = fit.search.equations.source[0].told.mean()
+    factor = min(float(np.exp(fit.model.posterior.hyper.log_noise[0])), noise.chance_factor)
+    n_values = fit.search.equations.source[0].n_values.mean()
     # of pooled rows: scatter of their means, and of a row about its mean
-    return float(np.sqrt(told * (factor * noise.sigma**2 + scatter**2 + noise.stay**2)))
+    return float(np.sqrt(n_values * (factor * noise.sigma**2 + scatter**2 + noise.stay**2)))
 
 
 def motion_of(search: Search, columns: NDArray[np.int_], values: Array) -> float:

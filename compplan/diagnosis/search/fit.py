@@ -37,9 +37,9 @@ from compplan.diagnosis.search.state import (
     advance_state,
     attain_state,
     claims_of,
+    has_equilibrium,
     known_approach,
     linearize_state,
-    stands,
 )
 from compplan.effects.forward_model import own_springs
 from compplan.effects.linearization import Linearization
@@ -58,7 +58,7 @@ def fit_effects(
     noises: dict[str, Noise] | None = None
     proposals: list[Signature] = []
     best: Fit | None = None
-    restarted = settled = False
+    restarted = converged = False
     for number in range(SEARCH.rounds):
         progress(f"round {number + 1}")
         # small effects are fitted after large ones are exact: twice as many effects each round
@@ -69,17 +69,17 @@ def fit_effects(
         step = descend(fit, advance_state(fit))
         if step is None:
             break
-        following, score = step
+        new, score = step
         if best is None or number <= SEARCH.noise_round or score > best.score:
-            best = replace(fit, state=following, score=score)
-        settled = number > SEARCH.noise_round and len(fit.model.claims) < state.most and _settled(fit, state, following)
-        state = following
-        if settled and not restarted:
+            best = replace(fit, state=new, score=score)
+        converged = number > SEARCH.noise_round and len(fit.model.claims) < state.most and _converged(fit, state, new)
+        state = new
+        if converged and not restarted:
             progress("second start")
             restarted, other = True, search_from_forward_selection(fit.search, fit.model, state.most)
-            settled = other is fit.model
+            converged = other is fit.model
             state = replace(state, claims=claims_of(replace(fit, model=other)))
-        if settled:
+        if converged:
             break
     if best is None:
         # even the shortest step has no equilibrium: no effect is claimed
@@ -118,7 +118,7 @@ def _round(
         held = replace(fit.state, claims=claims_of(fit))
         fit = _search_equations(problem, held, at, channels, equations, noises)
         claimed = {key_of(fit.search.equations.signatures[n]) for n in fit.model.signatures}
-        if fit.model.score < before + SEARCH.worthwhile or not claimed & {key_of(s) for s in fresh}:
+        if fit.model.score < before + SEARCH.least_gain or not claimed & {key_of(s) for s in fresh}:
             break
     return fit, proposed_signatures(fit.search.equations.signatures)
 
@@ -130,8 +130,8 @@ def _offer_all(
 
     A nonlinear stiffness of a joint requires a spring in the robot folder; a rigid joint gets compliance instead.
     """
-    own = own_springs(problem.robot)
-    sprung = {problem.robot.joint_names[index] for index, spring in own.items() if spring.compliance > 0.0}
+    springs = own_springs(problem.robot)
+    sprung = {problem.robot.joint_names[index] for index, spring in springs.items() if spring.compliance > 0.0}
     fixed = [
         s for s in offered_signatures(at, problem.register, problem.excluded)
         if s.name != "stiffness_nonlinearity" or s.joint in sprung
@@ -169,15 +169,15 @@ def _propose(fit: Fit) -> list[Signature]:
         columns = equations.columns(number)
         if signature.name == "transmission_error" and values[columns].any():
             waves.setdefault(names.index(str(signature.joint)), set()).update(columns.tolist())
-    own = {
+    joint_waves = {
         index: [design[..., sorted(columns)] @ values[sorted(columns)] for design in equations.designs]
         for index, columns in waves.items()
     }
     proposals = propose_shifts(fit.at, fit.channels, left)
-    return proposals + propose_waves(fit.at, fit.channels, left, own)
+    return proposals + propose_waves(fit.at, fit.channels, left, joint_waves)
 
 
-def _settled(fit: Fit, old: FitState, new: FitState) -> bool:
+def _converged(fit: Fit, old: FitState, new: FitState) -> bool:
     if {key for key, _ in old.claims} != {key for key, _ in new.claims}:
         return False
     names = fit.search.equations.names
@@ -185,7 +185,7 @@ def _settled(fit: Fit, old: FitState, new: FitState) -> bool:
     change = change / fit.search.equations.scale
     used = np.flatnonzero(change)
     steps = [np.sqrt(np.mean((d[..., used] @ change[used]) ** 2)) for d in fit.search.equations.designs]
-    return max(steps, default=0.0) < SEARCH.settled
+    return max(steps, default=0.0) < SEARCH.tolerance
 
 
 def register_again(fit: Fit, state: FitState, use: NDArray[np.bool_]) -> FitState:
@@ -219,17 +219,17 @@ def descend(fit: Fit, full: FitState) -> tuple[FitState, float] | None:
 
     def cost(channels: Sequence[Channel], vector: Array) -> float:
         left = [channel.residual / channel.sigma for channel in channels]
-        own = vector[posterior.columns]
-        return square_left(channels, left, posterior.hyper) + float(np.sum(weight * own**2))
+        values = vector[posterior.columns]
+        return square_left(channels, left, posterior.hyper) + float(np.sum(weight * values**2))
 
     start = cost(fit.channels, here)
-    promised = square_left(fit.channels, equations.left(target), posterior.hyper)
-    promised += float(np.sum(weight * target[posterior.columns] ** 2))
+    predicted_cost = square_left(fit.channels, equations.left(target), posterior.hyper)
+    predicted_cost += float(np.sum(weight * target[posterior.columns] ** 2))
     tried: list[tuple[float, FitState]] = []
     share = 1.0
-    while share > SEARCH.settled and not (tried and tried[-1][0] < start):
+    while share > SEARCH.tolerance and not (tried and tried[-1][0] < start):
         state = full if share == 1.0 else advance_state(fit, share)
-        if stands(fit.problem, state):
+        if has_equilibrium(fit.problem, state):
             channels = build_channels(*attain_state(fit.problem, state), fit.state.use, fit.noises)
             tried.append((cost(channels, here + share * (target - here)), state))
         share *= 0.5
@@ -237,7 +237,7 @@ def descend(fit: Fit, full: FitState) -> tuple[FitState, float] | None:
         return None
     least, state = min(tried, key=lambda t: t[0])
     left_out = known_approach(fit.problem.campaign, fit.state) & ~fit.state.use
-    return state, fit.model.score - 0.5 * (least - promised + NOISE.outlying**2 * float(left_out.sum()))
+    return state, fit.model.score - 0.5 * (least - predicted_cost + NOISE.outlying**2 * float(left_out.sum()))
 
 
 def square_left(channels: Sequence[Channel], left: Sequence[Array], hyper: Hyper) -> float:

@@ -53,7 +53,7 @@ class SearchSettings:
     #: Most effects of one campaign (assumed: several times the effects of any robot).
     most_effects: int = 24
     #: Least gain in log posterior of an exchange or an addition (assumed: less does not justify a larger model).
-    worthwhile: float = 0.5
+    least_gain: float = 0.5
     #: Most rounds of linearization and search (assumed: most campaigns converge in five).
     rounds: int = 8
     #: Round whose residuals give the noise; scores are compared from the next round on (assumed: the first model has
@@ -61,9 +61,9 @@ class SearchSettings:
     noise_round: int = 1
     #: Convergence: largest motion of an observation over its noise. Classes of the background below it are left out of
     #: the model (assumed: a hundredth of its variance).
-    settled: float = 0.1
+    tolerance: float = 0.1
     #: Single background errors that move the target by less than this share of the noise are left out (assumed).
-    idle: float = 0.03
+    negligible: float = 0.03
 
 
 SEARCH = SearchSettings()
@@ -107,9 +107,9 @@ class Search:
     cache: dict[frozenset[Claim], Model] = field(default_factory=dict)
     rigid: bool = False
 
-    def without(self, claims: Sequence[Claim], *gone: Claim) -> list[Claim]:
+    def without(self, claims: Sequence[Claim], *removed: Claim) -> list[Claim]:
         """Remove claims; on a robot that becomes rigid also remove claims that require a compliance."""
-        rest = [c for c in claims if c not in gone]
+        rest = [c for c in claims if c not in removed]
         signatures = [self.equations.signatures[c.signature] for c in rest]
         if not self.rigid or any(is_soft(s) for s in signatures):
             return rest
@@ -172,9 +172,9 @@ class Search:
 
     def gains(self, model: Model) -> list[Gain]:
         """Compute the gains of further claims, best first; prior odds included."""
-        taken = {self.equations.signatures[number].event for number in model.signatures}
+        used_events = {self.equations.signatures[number].event for number in model.signatures}
         used = {int(column) for number in model.signatures for column in self.equations.columns(number)}
-        free = [n for n, event, columns in self._placed if event not in taken and used.isdisjoint(columns)]
+        free = [n for n, event, columns in self._placed if event not in used_events and used.isdisjoint(columns)]
         gains = find_gains(self.equations, model.posterior, free)
         # a gain is a mean over sizes, and the best size dominates it
         odds, several = self.log_prior.tolist(), float(np.log(len(SIZES)))
@@ -207,11 +207,11 @@ def search_models(search: Search, first: Sequence[Claim] = (), most: int = SEARC
     concerned = set(best.claims)
     for _ in range(SEARCH.most_effects):
         grown = best if len(best.claims) >= most else add_claim(search, best)
-        settled = _exchange(search, _remove(search, grown), concerned | (set(grown.claims) - set(best.claims)))
+        changed = _exchange(search, _remove(search, grown), concerned | (set(grown.claims) - set(best.claims)))
         concerned = set()
-        if settled.score < best.score + SEARCH.worthwhile:
-            return best if best.score >= settled.score else settled
-        best = settled
+        if changed.score < best.score + SEARCH.least_gain:
+            return best if best.score >= changed.score else changed
+        best = changed
     return best
 
 
@@ -224,14 +224,14 @@ def search_from_forward_selection(search: Search, found: Model, most: int) -> Mo
     first = bare.model([], search.start, steps=EVIDENCE.first_steps)
     while len(first.claims) < most:
         grown = add_claim(bare, first)
-        if grown.score < first.score + SEARCH.worthwhile:
+        if grown.score < first.score + SEARCH.least_gain:
             break
         first = grown
     # noise and background are fitted from their start: models in the cache were fitted from another one
     afresh = replace(search, cache={})
     possible = np.isfinite(afresh.model(first.claims, search.start, steps=EVIDENCE.first_steps).score)
     other = search_models(afresh, first.claims if possible else (), most)
-    return other if other.score > found.score + SEARCH.worthwhile else found
+    return other if other.score > found.score + SEARCH.least_gain else found
 
 
 def distinct_places(search: Search, gains: list[Gain], count: int) -> list[Gain]:
@@ -292,7 +292,7 @@ def _exchange(search: Search, model: Model, concerned: Collection[Claim]) -> Mod
             if same or reduced.score + gain.log_evidence < model.score - SEARCH.close:
                 continue
             tried = search.model((*rest, Claim(gain.signature, gain.size)), model.posterior.hyper)
-            if tried.score > model.score + SEARCH.worthwhile:
+            if tried.score > model.score + SEARCH.least_gain:
                 model = tried
     return model
 

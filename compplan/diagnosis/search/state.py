@@ -83,7 +83,7 @@ def known_approach(campaign: Campaign, state: FitState) -> NDArray[np.bool_]:
     return ~campaign.first_visit if play else np.ones(len(campaign), bool)
 
 
-def stands(problem: Problem, state: FitState) -> bool:
+def has_equilibrium(problem: Problem, state: FitState) -> bool:
     """Check whether the robot of a state has an equilibrium at every row."""
     try:
         _, attained = attain_state(problem, state)
@@ -130,13 +130,13 @@ def advance_state(fit: Fit, share: float = 1.0) -> FitState:
     claimed = list(fit.model.signatures)
     claimed += [n for n, s in enumerate(equations.signatures) if n not in claimed and key_of(s) in before]
     # classes of the background with negligible motion are left out
-    loud = np.zeros(len(CLASSES) + 1, bool)
+    noticeable = np.zeros(len(CLASSES) + 1, bool)
     for label in range(len(CLASSES)):
         columns = np.flatnonzero((prior.background == label) & (vector != 0))
-        loud[label] = bool(len(columns)) and not idle(equations, columns, vector, SEARCH.settled)
+        noticeable[label] = bool(len(columns)) and not is_negligible(equations, columns, vector, SEARCH.tolerance)
     rest = [
         n for n, s in enumerate(equations.signatures)
-        if s.name == REGISTRATION or (in_background(s) and loud[prior.background[equations.columns(n)]].all())
+        if s.name == REGISTRATION or (in_background(s) and noticeable[prior.background[equations.columns(n)]].all())
     ]  # fmt: skip
     first = posterior.hyper
     scatter = float(np.exp(0.5 * first.log_noise[0]) * np.hypot(1.0, np.exp(first.log_shared[0])))
@@ -155,7 +155,7 @@ def build_state(fit: Fit, values: Array, claimed: Sequence[int], rest: Sequence[
         signature, columns = equations.signatures[number], equations.columns(number)
         if signature.name == REGISTRATION:
             registration = move_registration(registration, signature, left[columns] * signature.scale)
-        elif number in claimed or not idle(equations, columns, left):
+        elif number in claimed or not is_negligible(equations, columns, left, SEARCH.negligible):
             part = np.maximum(left[columns], 0.0) if signature.positive else left[columns]
             sizes = limit_sizes(fit.problem.robot, signature, part * signature.scale)
             sizes = np.maximum(sizes, signature.least) if signature.least else sizes
@@ -166,7 +166,7 @@ def build_state(fit: Fit, values: Array, claimed: Sequence[int], rest: Sequence[
     return replace(fit.state, effects=tuple(effects), values=kept, registration=registration)
 
 
-def idle(equations: NormalEquations, columns: NDArray[np.int_], vector: Array, least: float = SEARCH.idle) -> bool:
+def is_negligible(equations: NormalEquations, columns: NDArray[np.int_], vector: Array, least: float) -> bool:
     """Check whether errors are below a share of the noise; they are left out, since they may be large elsewhere."""
     part = vector[columns]
     return all(np.sqrt(np.mean((design[..., columns] @ part) ** 2)) < least for design in equations.designs)

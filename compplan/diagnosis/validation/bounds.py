@@ -36,7 +36,7 @@ class SizeLimits:
     #: less than their mass).
     over_rating: float = 1.1
     #: Largest distance of a mass's centre behind the flange (assumed: the length of a wrist, with its cables). [m]
-    behind: float = 0.1
+    most_offset: float = 0.1
 
 
 LIMITS = SizeLimits()
@@ -66,11 +66,11 @@ def _check_payload(fit: Fit, effect: Effect) -> str:
     if rating is None and whole > arm:
         return f"{whole:.3g} kg on the flange, the arm itself weighs {arm:.3g} kg"
     behind = -float(outward_axis(fit) @ payload[1:])
-    if added > 0.0 and behind > LIMITS.behind * whole:
+    if added > 0.0 and behind > LIMITS.most_offset * whole:
         return f"{added:.3g} kg with their centre {1e3 * behind / added:.4g} mm behind the flange, inside the arm"
     # a mass can only be removed if it was there: the rest of the tool is in front of the flange, too
     left = -float(outward_axis(fit) @ (payload + carried)[1:])
-    if added <= 0.0 and left > LIMITS.behind * whole:
+    if added <= 0.0 and left > LIMITS.most_offset * whole:
         where = f"{1e3 * left / whole:.4g} mm behind the flange, inside the arm" if whole > 0.0 else "nowhere"
         return f"{-added:.3g} kg less on the flange leave {whole:.3g} kg with their centre {where}"
     return ""

@@ -55,13 +55,13 @@ class CalibrationSettings:
     reweighted: int = 30
     steps: int = 3
     #: Convergence: motion of the fitted values over the noise (assumed).
-    settled: float = 0.01
+    tolerance: float = 0.01
     #: Largest common factor by which variances of a class change in a step (assumed).
     fastest: float = 4.0
     #: Initial share of the observations' squares that is noise (assumed: far too much, so that no column fits chance).
     first_noise: float = 0.1
     #: Columns that move no observation by more than this share of its noise are left out (assumed).
-    gone: float = 1e-3
+    least_motion: float = 1e-3
     #: Fewest poses from which a fit without some of them starts at that of all poses (assumed).
     many_poses: int = 200
 
@@ -183,10 +183,10 @@ def average_stays(equations: NormalEquations, claims: Sequence[Claim], noise: Ar
     for number, (source, design, observed) in enumerate(
         zip(equations.source, equations.designs, equations.observed, strict=True)
     ):
-        design, observed, told = turn_along(source, design[..., columns], observed)
+        design, observed, measured = turn_along(source, design[..., columns], observed)
         first = np.flatnonzero(np.r_[True, np.diff(source.group) > 0])
         size = np.diff(np.r_[first, len(source.group)]).astype(float)
-        kept = np.logical_or.reduceat(told, first, axis=0)
+        kept = np.logical_or.reduceat(measured, first, axis=0)
         mean = np.add.reduceat(design, first, axis=0)[kept] / np.repeat(size, kept.sum(axis=1))[:, None]
         value = (np.add.reduceat(observed, first, axis=0) / size[:, None])[kept]
         parts.append((mean, value, np.full(len(value), number), np.repeat(source.rows[first], kept.sum(axis=1))))
@@ -194,9 +194,9 @@ def average_stays(equations: NormalEquations, claims: Sequence[Claim], noise: Ar
     design, observed, channel, row = (np.concatenate(several) for several in zip(*parts, strict=True))
     positive, group = np.zeros(equations.p, bool), np.full(equations.p, -1)
     for number in small:
-        name, own = equations.signatures[number].name, equations.columns(number)
+        name, members = equations.signatures[number].name, equations.columns(number)
         if name != REGISTRATION:
-            group[own] = CLASSES.index("compliances" if name == "gravity_sag" else BACKGROUND[name][0])
+            group[members] = CLASSES.index("compliances" if name == "gravity_sag" else BACKGROUND[name][0])
     for place, number in enumerate(claimed):
         group[equations.columns(number)] = len(CLASSES) + place
     for number in (*small, *claimed):
@@ -212,7 +212,7 @@ def solve_means(
     means = means if start is None else start.means
     y, channel = means.observed[used], means.channel[used]
     size2 = np.maximum(np.mean(means.design[used] ** 2, axis=0), 1e-12)
-    alive = (size2 > CALIBRATION.gone**2) | (means.group < 0)
+    alive = (size2 > CALIBRATION.least_motion**2) | (means.group < 0)
     means, size2 = means.take(alive), size2[alive]
     design, group = means.design[used], means.group
     unit2 = np.minimum(1.0 / size2, CALIBRATION.largest**2)
@@ -236,11 +236,11 @@ def solve_means(
         before, explained = explained, design @ mean
         left = y - explained
         for k in range(len(noise)):
-            own = channel == k
-            freedom = max(own.sum() * (1.0 - known.sum() / len(y)), 1.0)
-            noise[k] = max(float(np.sum(weight[own] * left[own] ** 2)) / freedom, means.least[k])
+            mask = channel == k
+            freedom = max(mask.sum() * (1.0 - known.sum() / len(y)), 1.0)
+            noise[k] = max(float(np.sum(weight[mask] * left[mask] ** 2)) / freedom, means.least[k])
         weight = (CALIBRATION.student + 1.0) / (CALIBRATION.student + left**2 / noise[channel])
-        if np.mean((explained - before) ** 2 / noise[channel]) < CALIBRATION.settled**2:
+        if np.mean((explained - before) ** 2 / noise[channel]) < CALIBRATION.tolerance**2:
             break
     root = np.sqrt(weight / noise[channel])
     while True:
@@ -263,16 +263,16 @@ def _fit_variance(
     """
     nu, fitted = CALIBRATION.sizes, variance.copy()
     for number in np.unique(group[group >= 0]):
-        own = group == number
+        mask = group == number
         if number >= len(CLASSES):
-            fitted[own] = np.sum(mean[own] ** 2) / np.sum(known[own])
+            fitted[mask] = np.sum(mean[mask] ** 2) / np.sum(known[mask])
             continue
         wide = width2[number]
-        grown = float(np.sum(mean[own] ** 2 / variance[own]) / (np.sum(known[own]) + 2.0 * wide / (1.0 + wide)))
+        grown = float(np.sum(mean[mask] ** 2 / variance[mask]) / (np.sum(known[mask]) + 2.0 * wide / (1.0 + wide)))
         wide = max(wide * np.clip(grown, 1.0 / CALIBRATION.fastest, CALIBRATION.fastest), 1e-9)
-        fitted[own] = (mean[own] ** 2 + nu * wide * unit2[own]) / (known[own] + nu)
+        fitted[mask] = (mean[mask] ** 2 + nu * wide * unit2[mask]) / (known[mask] + nu)
         # largest of nu / 2 (n log t^2 - t^2 sum u^2 / d) - log(1 + t^2)
-        share, count = 0.5 * nu * float(np.sum(unit2[own] / fitted[own])), 0.5 * nu * own.sum()
+        share, count = 0.5 * nu * float(np.sum(unit2[mask] / fitted[mask])), 0.5 * nu * mask.sum()
         middle = count - share - 1.0
         width2[number] = 2.0 * count / (np.sqrt(middle**2 + 4.0 * share * count) - middle)
     return fitted

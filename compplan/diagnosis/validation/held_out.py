@@ -21,7 +21,7 @@ from compplan.diagnosis.evidence.evidence import find_posterior
 from compplan.diagnosis.evidence.normal_equations import NormalEquations, select_rows
 from compplan.diagnosis.search.fit import register_again
 from compplan.diagnosis.search.search import Claim
-from compplan.diagnosis.search.state import Fit, FitState, stands
+from compplan.diagnosis.search.state import Fit, FitState, has_equilibrium
 from compplan.effects import apply_effects, build_model, fold_effects, robot_effects, solve_model_poses
 from compplan.errors import ConvergenceError, InputError
 from compplan.measurement.campaign import Campaign
@@ -108,11 +108,11 @@ class Folds:
         campaign, residual = fit.problem.campaign, np.zeros((len(self.fold), 3))
         for number in self.numbers:
             state = build(number)
-            if fit.problem.register and stands(fit.problem, state):
+            if fit.problem.register and has_equilibrium(fit.problem, state):
                 # frames turn far and are fitted exactly, to rows of the fit; contacts use all rows, since few rows may
                 # not determine their place (frames are fitted to all below in any case)
-                own = CONTACTS in fit.problem.register
-                state = register_again(fit, state, fit.state.use & (own | (self.fold != number)))
+                contacts = CONTACTS in fit.problem.register
+                state = register_again(fit, state, fit.state.use & (contacts | (self.fold != number)))
             gap = predict_gap(fit, state)
             if gap is None:
                 gap = np.where(campaign.measured[:, None], campaign.position, np.inf)
@@ -161,10 +161,10 @@ def free_of_frames(fit: Fit, poses: int) -> float:
     if not fit.problem.register:
         return 1.0
     equations = fit.search.equations
-    values = equations.source[0].told.mean() * poses
+    values = equations.source[0].n_values.mean() * poses
     frames = equations.designs[0][..., equations.columns_named(REGISTRATION)]
-    taken = int(np.linalg.matrix_rank(frames.reshape(-1, frames.shape[-1])))
-    return float(np.sqrt(values / max(values - taken, 0.5 * values)))
+    used = int(np.linalg.matrix_rank(frames.reshape(-1, frames.shape[-1])))
+    return float(np.sqrt(values / max(values - used, 0.5 * values)))
 
 
 def predict_gap(fit: Fit, state: FitState) -> Array | None:

@@ -45,7 +45,7 @@ class ProbabilitySettings:
     """Settings of the map from evidence to probability."""
 
     #: Largest probability of a claim (assumed: one campaign in a hundred has a cause outside every model here).
-    most_sure: float = 0.99
+    most_probable: float = 0.99
     #: Divisor of log odds: evidence of real campaigns is less sharp than its model (assumed).
     temper: float = 2.0
     #: Margins beyond this count logarithmically (assumed).
@@ -90,7 +90,7 @@ def features_of(evidence: Evidence) -> Array:
 def calibrate_probability(evidence: Evidence) -> float:
     """Return the calibrated probability of a claim."""
     odds = CONSTANT + WEIGHTS @ features_of(evidence)
-    return float(np.clip(expit(odds), 0.0, MAP.most_sure))
+    return float(np.clip(expit(odds), 0.0, MAP.most_probable))
 
 
 def rate_similarities(fit: Fit, revised: RevisedProbabilities) -> dict[Claim, float]:
@@ -142,9 +142,9 @@ def rate_spurious_fits(fit: Fit, revised: RevisedProbabilities) -> dict[Claim, f
     frames, result = equations.columns_named(REGISTRATION), dict[Claim, float]()
     for claim in revised.model.claims:
         others = equations.join_columns(n for n in revised.model.signatures if n != claim.signature)
-        beside = np.union1d(others, frames).astype(int)
-        left = project_out(gram, beside)
-        squares, count = np.maximum(np.diag(left), 0.0), total.count - len(beside)
+        nuisance = np.union1d(others, frames).astype(int)
+        left = project_out(gram, nuisance)
+        squares, count = np.maximum(np.diag(left), 0.0), total.count - len(nuisance)
         columns = equations.columns(claim.signature)
         explained = explain_squares(left, [columns], np.array([len(left) - 1]))[0, 0] - len(columns)
         share = explained / max(float(squares[-1]) - min(float(count), float(squares[-1])), 1e-12)
@@ -161,12 +161,12 @@ def draw_errors(fit: Fit) -> Array:
     """Draw errors of no effect, of one rms each in units of the noise. Shape (values, SAMPLE)."""
     at, channel = fit.at, fit.search.equations.source[0]
     rows, rng = channel.rows, np.random.default_rng(SEED)
-    followed = list_followed(at, rows)
+    drivers = list_drivers(at, rows)
     directions = [(joint.name, axis) for joint in at.robot.actuated for axis in AXES[3:]]
     rotation = at.attained.frames.tcp_rotation[rows]
     drawn: list[Array] = []
     while len(drawn) < SAMPLE:
-        phases = [_pick(rng, followed) * rng.choice(MAP.roughness) for _ in range(rng.integers(1, 3))]
+        phases = [_pick(rng, drivers) * rng.choice(MAP.roughness) for _ in range(rng.integers(1, 3))]
         kind, direction = rng.integers(3), rng.normal(size=3)
         if kind == 0:
             moved = np.broadcast_to(direction, (len(rows), 3))
@@ -183,7 +183,7 @@ def draw_errors(fit: Fit) -> Array:
     return np.stack(drawn, axis=1)
 
 
-def list_followed(at: Linearization, rows: NDArray[np.int_]) -> list[Array]:
+def list_drivers(at: Linearization, rows: NDArray[np.int_]) -> list[Array]:
     """List the standardised quantities that a drawn error may depend on, by kind. Shapes (r, k)."""
     campaign = at.campaign
     kinds = [np.nan_to_num(campaign.q), at.point, np.arange(len(campaign), dtype=float)[:, None]]
@@ -199,8 +199,8 @@ def list_followed(at: Linearization, rows: NDArray[np.int_]) -> list[Array]:
     return found
 
 
-def _pick(rng: np.random.Generator, followed: Sequence[Array]) -> Array:
-    kind = followed[int(rng.integers(len(followed)))]
+def _pick(rng: np.random.Generator, drivers: Sequence[Array]) -> Array:
+    kind = drivers[int(rng.integers(len(drivers)))]
     return np.asarray(kind[:, rng.integers(kind.shape[1])])
 
 
@@ -215,10 +215,10 @@ def explain_squares(gram: Array, blocks: Sequence[NDArray[np.int_]], errors: NDA
     result = np.zeros((len(blocks), len(errors)))
     for size in {len(block) for block in blocks}:
         numbers = [n for n, block in enumerate(blocks) if len(block) == size]
-        own = np.stack([blocks[n] for n in numbers])
+        columns = np.stack([blocks[n] for n in numbers])
         # columns have unit length: the residual of a column in the span of others is rounding
-        inner = gram[own[:, :, None], own[:, None, :]] + ROUNDING * np.eye(size)
-        against = gram[own[:, :, None], errors]
+        inner = gram[columns[:, :, None], columns[:, None, :]] + ROUNDING * np.eye(size)
+        against = gram[columns[:, :, None], errors]
         result[numbers] = np.einsum("nsc,nsc->nc", against, np.linalg.solve(inner, against))
     return result
 
@@ -287,11 +287,11 @@ def _measure_trace(fit: Fit, columns: NDArray[np.int_], values: Array) -> tuple[
 def _all_columns(fit: Fit, number: int) -> NDArray[np.int_]:
     """Return the columns of an effect at its place: a nonlinear stiffness has both its shapes."""
     equations = fit.search.equations
-    own = equations.signatures[number]
-    if own.form not in ("quadratic", "cubic"):
+    signature = equations.signatures[number]
+    if signature.form not in ("quadratic", "cubic"):
         return equations.columns(number)
     return equations.join_columns(
-        n for n, s in enumerate(equations.signatures) if s.place == own.place and s.form in ("quadratic", "cubic")
+        n for n, s in enumerate(equations.signatures) if s.place == signature.place and s.form in ("quadratic", "cubic")
     )
 
 

@@ -271,7 +271,7 @@ def revise_probabilities(fit: Fit) -> RevisedProbabilities:
         # several claims together may fit one unmodelled error: restart without claims, classes at one noise floor
         grown = replace(hyper, log_tau=np.where(prior.loose, 0.0, hyper.log_tau))
         other = _search_again(search, search.model([], grown, steps=EVIDENCE.first_steps))
-        model = other if other.score > model.score + SEARCH.worthwhile else model
+        model = other if other.score > model.score + SEARCH.least_gain else model
     return RevisedProbabilities(search, model, tuple(driver for driver, _ in kinds), members)
 
 
@@ -296,7 +296,7 @@ def _search_again(search: Search, model: Model) -> Model:
         best = _leave_out(search, here)
         if best.score <= here.score:
             best = add_claim(search, model)
-            if best.score < model.score + SEARCH.worthwhile:
+            if best.score < model.score + SEARCH.least_gain:
                 return model
         fitted = search.model(best.claims, best.posterior.hyper, steps=STEPS)
         if fitted.score <= model.score:

@@ -32,7 +32,7 @@ from compplan.planning.posture.summary import PostureSummary, PostureTrace, summ
 from compplan.robot import Array
 from compplan.statics.chain import locate_frames
 from compplan.statics.ik import CLOSE, CONFIGURATIONS, pose_error, reach_tip_and_axis, refine_ik, solve_nearest
-from compplan.toolpath.toolpath import pick_even
+from compplan.toolpath.toolpath import select_even
 
 #: Share of the plain posture's figure below which a choice replaces it: margin of the accuracy of band figures
 #: (assumed), none for the others; and the figure of each preset.
@@ -105,7 +105,7 @@ def _choose_line(problem: PostureProblem) -> PostureSummary:
         more = np.setdiff1d(around[(around >= 0) & (around < len(nominal))], stations)
         if not len(more):
             break
-        stations = np.union1d(stations, pick_even(more, settings.stations))
+        stations = np.union1d(stations, select_even(more, settings.stations))
     kind = "clearance" if settings.scene is not None and not posture_choice.missed.any() else "continuity"
     raise InfeasibleError(
         f"the posture cannot be followed at {len(bad)} waypoints, first at waypoint {bad[0]}: "
@@ -143,7 +143,7 @@ def _choose_at(
     trace = trace_line(problem, stations, fine.options, chosen, smooth=True)
     if trace.missed.any():
         trace = trace_line(problem, stations, fine.options, chosen, smooth=False)
-    bad, rows = trace.missed.copy(), pick_even(np.arange(len(trace.q)), MARGIN_SAMPLES)
+    bad, rows = trace.missed.copy(), select_even(np.arange(len(trace.q)), MARGIN_SAMPLES)
     bad[rows] |= problem.come_too_near(trace.q[rows])
     posture_choice = PostureSummary(
         **vars(trace), configuration=CONFIGURATIONS[int(np.bincount(chosen.slot).argmax())],

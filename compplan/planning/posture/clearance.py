@@ -22,7 +22,7 @@ from compplan.planning.posture.collision_scene import (
     find_near,
 )
 from compplan.robot import Array
-from compplan.toolpath.toolpath import interpolate, pick_even
+from compplan.toolpath.toolpath import interpolate, select_even
 
 #: Evenly spaced waypoints whose distance is computed, most rounds of refinement where a smaller distance is possible,
 #: and waypoints in each.
@@ -120,7 +120,7 @@ def _least_along(scene: CollisionScene, q: Array, pairs: NDArray[np.int_], far: 
         found = find_contacts(scene.robot, scene.solids, q[rows], pairs, far=far)
         return dict(zip(rows.tolist(), found, strict=True))
 
-    contacts = find(pick_even(np.arange(len(q)), SAMPLES))
+    contacts = find(select_even(np.arange(len(q)), SAMPLES))
     travel = np.r_[0.0, np.cumsum(np.abs(np.diff(q, axis=0)) @ scene.reach)]
     for _ in range(ROUNDS):
         known = np.array(sorted(contacts))

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from compplan.robot import Array
 from compplan.statics.chain import locate_frames
 from compplan.statics.ik import Arm, middle_of_limits, reach_pose, reach_tip_and_axis
-from compplan.toolpath.toolpath import Toolpath, interpolate, pick_even
+from compplan.toolpath.toolpath import Toolpath, interpolate, select_even
 
 #: Waypoints that are solved one after the other; those between start from linear interpolation.
 STATIONS = 500
@@ -33,7 +33,7 @@ def follow_path(
     start = _search_start(arm, nominal.position[0], rotation[0], spin_free=spin_free) if start is None else start
     if start is None:
         return np.tile(middle_of_limits(robot), (n, 1)), np.ones(n, bool)
-    rows = pick_even(np.arange(n), STATIONS)
+    rows = select_even(np.arange(n), STATIONS)
     stations, q = np.empty((len(rows), robot.nq)), np.clip(start, robot.lower, robot.upper)[None]
     for k, row in enumerate(rows):
         found, reached = reach_tip_and_axis(arm, q, nominal.position[[row]], rotation[[row]], spin_free=spin_free,

@@ -19,7 +19,7 @@ from compplan.robot import Array
 from compplan.statics.chain import locate_frames
 from compplan.statics.ik import CONFIGURATIONS, Arm, middle_of_limits, solve_branches
 from compplan.toolpath.contact import path_axes, tool_axes
-from compplan.toolpath.toolpath import Toolpath, pick_even
+from compplan.toolpath.toolpath import Toolpath, select_even
 
 #: State of a node: usable, or the reason of its exclusion.
 USABLE, OUT_OF_REACH, JOINT_LIMIT, SINGULAR, COLLISION, NOT_WANTED = range(6)
@@ -88,7 +88,7 @@ def pick_stations(nominal: Toolpath, count: int) -> NDArray[np.int_]:
     even = np.searchsorted(along, np.linspace(0.0, along[-1], count))
     rapid = np.flatnonzero(nominal.rapid[1:])
     ends = np.unique(np.r_[rapid, rapid + 1])
-    return np.unique(np.r_[0, np.clip(even, 0, n - 1), pick_even(ends, count), n - 1])
+    return np.unique(np.r_[0, np.clip(even, 0, n - 1), select_even(ends, count), n - 1])
 
 
 def follow_axis(arm: Arm, nominal: Toolpath) -> Array | None:

@@ -32,7 +32,7 @@ from compplan.statics.ik import (
     solve_branches,
 )
 from compplan.toolpath.contact import tool_axes
-from compplan.toolpath.toolpath import Toolpath, pick_even
+from compplan.toolpath.toolpath import Toolpath, select_even
 
 #: Note on robots of four joints.
 FOUR_JOINTS = (
@@ -189,7 +189,7 @@ def _start_nearest(problem: PostureProblem) -> Start:
         InputError: If it is out of reach without joint limits too, or the job requires a configuration.
     """
     nominal, arm = problem.nominal, problem.arm
-    rotation, some = tool_axes(nominal, problem.tool_x), pick_even(np.arange(len(nominal)), LOOKED_AT)
+    rotation, some = tool_axes(nominal, problem.tool_x), select_even(np.arange(len(nominal)), LOOKED_AT)
     beyond = solve_branches(arm, nominal.position[some], rotation[some])
     if problem.settings.configuration or not np.isfinite(beyond).any():
         raise InputError(_explain_reach(problem))

@@ -14,7 +14,7 @@ from compplan.planning.posture.settings import PostureProblem, PostureSettings
 from compplan.robot import Array
 from compplan.statics.chain import joint_jacobian, locate_frames
 from compplan.statics.quality import natural_length
-from compplan.toolpath.toolpath import Toolpath, pick_even
+from compplan.toolpath.toolpath import Toolpath, select_even
 
 
 @dataclass(frozen=True)
@@ -76,7 +76,7 @@ def measure_remaining(problem: PostureProblem, q: Array) -> float:
     rows = np.flatnonzero(share > 0)
     if not len(rows):
         return 0.0
-    rows = pick_even(rows, 400)
+    rows = select_even(rows, 400)
     spread = error_columns(problem.chain, q[rows], problem.wrench[rows], problem.settings.known, problem.settings.axes)
     weight = share[rows] / share[rows].sum()
     return 1e3 * float(np.sqrt((weight * np.einsum("nij,nij->n", spread, spread)).sum()))

@@ -18,7 +18,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from compplan.io.tables import Array
-from compplan.toolpath.contact import ContactTable, PathForceTable, lifts
+from compplan.toolpath.contact import ContactTable, PathForceTable, find_retracts
 from compplan.toolpath.toolpath import Toolpath
 
 words = "friction stir weld"
@@ -61,7 +61,7 @@ class FrictionStirProcess(PathForceTable, ContactTable):
         """
         axial, turn = self.axial_N, 1.0 if self.clockwise else -1.0
         row = [-TRAVERSE * axial, turn * SIDE * axial, axial, 0.0, 0.0, turn * self.torque]
-        return np.tile(row, (len(nominal), 1)) * ~lifts(nominal)[:, None]
+        return np.tile(row, (len(nominal), 1)) * ~find_retracts(nominal)[:, None]
 
     def describe(self, nominal: Toolpath) -> list[str]:
         """Return notes on inputs and assumptions."""

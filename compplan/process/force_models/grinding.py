@@ -13,7 +13,7 @@ import numpy as np
 from pydantic import Field
 
 from compplan.io.tables import Array
-from compplan.toolpath.contact import PathForceTable, lifts
+from compplan.toolpath.contact import PathForceTable, find_retracts
 from compplan.toolpath.toolpath import Toolpath
 
 words = "grinding or sanding"
@@ -32,7 +32,7 @@ class GrindingProcess(PathForceTable):
     def wrench_along(self, nominal: Toolpath) -> Array:
         """Return the wrench on the tool at every waypoint, path axes; zero while it is lifted off. Shape (n, 6)."""
         along = RATIO * self.normal_N * (-1.0 if self.direction == "against" else 1.0)
-        return np.tile([along, 0.0, self.normal_N, 0.0, 0.0, 0.0], (len(nominal), 1)) * ~lifts(nominal)[:, None]
+        return np.tile([along, 0.0, self.normal_N, 0.0, 0.0, 0.0], (len(nominal), 1)) * ~find_retracts(nominal)[:, None]
 
     def describe(self, nominal: Toolpath) -> list[str]:
         """Return notes on assumptions."""

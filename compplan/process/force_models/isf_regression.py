@@ -26,7 +26,7 @@ from scipy.spatial import cKDTree
 
 from compplan.errors import InputError
 from compplan.io.tables import Array
-from compplan.toolpath.contact import PathForceTable, last_set, lifts, path_axes
+from compplan.toolpath.contact import PathForceTable, find_retracts, last_set, path_axes
 from compplan.toolpath.toolpath import Toolpath
 
 words = "incremental sheet forming from sheet, tool and path"
@@ -70,7 +70,7 @@ class IsfRegressionProcess(PathForceTable):
         wrench = np.zeros((len(nominal), 6))
         wrench[:, 0] = -FRICTION * np.hypot(axial, radial)
         wrench[:, 1], wrench[:, 2] = side * radial, axial
-        return wrench * share[:, None] * ~lifts(nominal)[:, None]
+        return wrench * share[:, None] * ~find_retracts(nominal)[:, None]
 
     def describe(self, nominal: Toolpath) -> list[str]:
         """Return notes on assumptions, and on values outside the range of the regression."""

@@ -8,7 +8,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from compplan.io.tables import Array
-from compplan.toolpath.contact import ContactTable, PathForceTable, travel_across
+from compplan.toolpath.contact import ContactTable, PathForceTable, lateral_share
 from compplan.toolpath.toolpath import Toolpath
 
 words = "mean force of an end mill of given depth and width"
@@ -39,7 +39,7 @@ class MillingProcess(PathForceTable, ContactTable):
 
     def wrench_along(self, nominal: Toolpath) -> Array:
         """Return the wrench of `milling_wrench` at the feed component across the tool axis."""
-        return milling_wrench(self, nominal.feed * travel_across(nominal))
+        return milling_wrench(self, nominal.feed * lateral_share(nominal))
 
 
 def milling_wrench(process: MillingProcess, feed: Array) -> Array:

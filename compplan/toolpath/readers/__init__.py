@@ -82,8 +82,8 @@ def set_missing_feed(file: CamFile, feed_mm_s: float) -> CamFile:
     if not bare.any():
         return file
     note = f"{int(bare.sum())} cutting moves have no feed in the file: {feed_mm_s:g} mm/s is taken (feed_mm_s)"
-    told = (*path.notes, f"{Path(file.facts.file).name}, {note}.")
-    toolpath = replace(path, feed=np.where(bare, feed_mm_s * 1e-3, path.feed), notes=told)
+    notes = (*path.notes, f"{Path(file.facts.file).name}, {note}.")
+    toolpath = replace(path, feed=np.where(bare, feed_mm_s * 1e-3, path.feed), notes=notes)
     return replace(file, toolpath=toolpath, facts=replace(file.facts, notes=(*file.facts.notes, note)))
 
 

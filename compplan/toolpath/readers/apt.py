@@ -38,7 +38,7 @@ REVOLUTION_UNITS = {"MMPR": 1.0, "IPR": INCH, "PERREV": None, "UPR": None}
 FEED_OUT = ("BORE", "TAP", "REAM", "THREAD")
 CLOCKWISE, ANTICLOCKWISE = {"CLW", "CLOCKWISE", "CW"}, {"CCLW", "CCW", "ANTICLOCKWISE", "COUNTERCLOCKWISE"}
 #: Least number of arcs tangent in reverse before the assumed sense of rotation is reversed.
-FEWEST_VOTES = 3
+MIN_TANGENT_ARCS = 3
 #: Greatest number of turns of one arc.
 MOST_TURNS = 10_000
 
@@ -63,8 +63,8 @@ def read(text: str, file: Path, options: CamTable) -> CamFile:
         except (InputError, ValueError) as fault:
             message = fault.message if isinstance(fault, InputError) else str(fault)
             raise InputError(message, file=file, where=reader.line) from None
-        forwards, backwards = reader.votes
-        if flipped or backwards < FEWEST_VOTES or backwards <= 4 * forwards:
+        forwards, backwards = reader.tangent_counts
+        if flipped or backwards < MIN_TANGENT_ARCS or backwards <= 4 * forwards:
             break
     if reader.flipped:
         note = "arcs run against the usual sense of their axis: only so they leave the moves before them smoothly"
@@ -101,7 +101,7 @@ class _AptReader:
         self.direction: Point | None = None
         #: Direction at the end of the previous cut; number of arcs that start tangent to it, forwards and in reverse.
         self.before: Point | None = None
-        self.votes = [0, 0]
+        self.tangent_counts = [0, 0]
         self.frames: set[tuple[float, ...]] = set()
 
     def run(self, text: str) -> None:
@@ -113,7 +113,7 @@ class _AptReader:
                 self.nx = self.nx or major.startswith("TOOL PATH")
                 words = re.sub(r"^(PPRINT|REMARK|TPRINT|\$\$)\s*/?\s*", "", record.strip(), flags=re.IGNORECASE)
                 if words:
-                    self.log.happen("comment", self.line, text=words)
+                    self.log.add_event("comment", self.line, text=words)
             elif major.startswith("INSERT"):
                 self.note(f"text for the control is not read: {record[:40]!r}")
             elif major == "FINI":
@@ -196,7 +196,7 @@ class _AptReader:
             self.state.tool, self.state.tool_name = number or 0.0, "" if number is not None else words[:32]
             self.machine.change_tool(line)
         elif major in ("DELAY", "DWELL"):
-            self.log.happen("dwell", line, value=max(number or 0.0, 0.0))
+            self.log.add_event("dwell", line, value=max(number or 0.0, 0.0))
         elif code in STARTING:
             self.machine.switch_on([code], line)
         elif code in STOPPING:
@@ -376,7 +376,7 @@ class _AptReader:
         arc.check_circle()
         along = 0.0 if self.before is None else dot(arc.tangent(0.0), self.before)
         if abs(along) > 0.99:  # tangent to the previous move, forwards or in reverse
-            self.votes[0 if along > 0.0 else 1] += 1
+            self.tangent_counts[0 if along > 0.0 else 1] += 1
         self.log.arc(arc, end, self._speed())
         if max(abs(one - other) for one, other in zip(axis, self.log.axis, strict=True)) > 1e-6:
             self.note("the tool axis turns at the end of an arc, not along it")

@@ -9,7 +9,7 @@ from compplan.toolpath.readers.arcs import Point, combine, cross, dot, normalise
 
 Rows = tuple[Point, Point, Point]
 UNIT: Rows = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
-NOWHERE: Point = (0.0, 0.0, 0.0)
+ORIGIN: Point = (0.0, 0.0, 0.0)
 #: Normals of the planes G17 to G19, their first and second axis, and the infeed axis (tool axis).
 PLANE_NORMALS: dict[int, Point] = {17: (0.0, 0.0, 1.0), 18: (0.0, 1.0, 0.0), 19: (1.0, 0.0, 0.0)}
 PLANE_AXES = {17: (0, 1), 18: (2, 0), 19: (1, 2)}
@@ -24,7 +24,7 @@ class Frame:
     """
 
     rows: Rows = UNIT
-    origin: Point = NOWHERE
+    origin: Point = ORIGIN
 
     @property
     def plain(self) -> bool:
@@ -105,7 +105,7 @@ def stretch(x: float, y: float, z: float) -> Frame:
     return Frame(((x, 0.0, 0.0), (0.0, y, 0.0), (0.0, 0.0, z)))
 
 
-def stand_on(first: Point, normal: Point) -> Frame:
+def frame_from_normal(first: Point, normal: Point) -> Frame:
     """Return the frame with z along a normal and x along the projection of `first`; ValueError if they are parallel."""
     z = normalise(normal)
     y = normalise(cross(z, normalise(first)))

@@ -19,7 +19,7 @@ from compplan.toolpath.readers.cnc.flow import END, CncProgram, Flow
 from compplan.toolpath.readers.cnc.interpreter import COMMON, MOTIONS, Code, Interpreter, ignore, note, refuse, set_mode
 from compplan.toolpath.readers.cnc.motion import CENTRES, CORNERS, MOST_TURNS, PLAIN, STRAIGHT
 from compplan.toolpath.readers.cnc.origins import Origins
-from compplan.toolpath.readers.cnc.rs274_lexer import LENGTHS, PLACING, Lexer, owns_words
+from compplan.toolpath.readers.cnc.rs274_lexer import LENGTHS, WITH_COORDINATES, Lexer, owns_words
 from compplan.toolpath.readers.cnc.rs274_macro import Macros
 from compplan.toolpath.readers.cnc.state import INCH, CncBlock, State
 from compplan.toolpath.readers.lines import split_lines
@@ -58,7 +58,7 @@ CONTRARY = (
     frozenset({98.0, 99.0}), MOTIONS | CYCLES,
 )  # fmt: skip
 LENGTH_NOTE = "tool length compensation (G43) is not applied: the path is that of the tool tip"
-TRAVEL = "moves of a printer after homing are travel until X Y Z are known: the path begins where they are"
+HOMING_NOTE = "moves of a printer after homing are travel until X Y Z are known: the path begins where they are"
 #: Block of X Y Z F only, with the extruder of a printer.
 PRINTED = re.compile(PLAIN.pattern + r"(E[-+]?[\d.]+[ \t]*)?")
 #: Codes that are executed before all others of their block, in this order.
@@ -174,17 +174,17 @@ class Rs274:
         if not stated and any(values.get(letter, 0.0) != 0.0 for letter in LENGTHS):
             raise refuse_unit("G20 or G21")
         for group in CONTRARY if len(codes) > 1 else ():
-            if len(said := sorted(group & set(codes))) > 1:
-                raise InputError(f"G{said[0]:g} and G{said[1]:g} stand in one block, expected one of them")
-        takes = it.run_words(block, codes, find_code) if codes else ""
+            if len(conflicts := sorted(group & set(codes))) > 1:
+                raise InputError(f"G{conflicts[0]:g} and G{conflicts[1]:g} stand in one block, expected one of them")
+        coordinate_use = it.run_words(block, codes, find_code) if codes else ""
         if "F" in values and 4.0 not in codes:
             state.set_feed(values["F"])
         if machine or 4.0 in codes or "S" in values or "T" in values:
             it.machine.start(block, it.flow.line)
         calls = 98.0 in machine or 97.0 in machine
-        if takes == "machine":
+        if coordinate_use == "machine":
             self.origins.move_in_machine(block)
-        elif not takes and block.has(MOVING):
+        elif not coordinate_use and block.has(MOVING):
             if calls:
                 block.values = {letter: number for letter, number in values.items() if letter not in "PLK"}
             self.move(block)
@@ -200,14 +200,14 @@ class Rs274:
         machine, it = block.machine, self.it
         owner = next((code for code in machine if owns_words(code)), None)
         if not block.codes and block.has(PLACES):
-            doubtful = [code for code in machine if code not in PLACING and (owns_words(code) or code >= 200.0)]
-            if doubtful:
-                raise InputError(f"M{doubtful[0]:g} with coordinates and no G code: whose they are is not known; "
+            unclear = [code for code in machine if code not in WITH_COORDINATES and (owns_words(code) or code >= 200.0)]
+            if unclear:
+                raise InputError(f"M{unclear[0]:g} with coordinates and no G code: whose they are is not known; "
                                  "write the motion code (G0, G1) into the block")  # fmt: skip
         if owner is None:
             return False
         it.note(f"M{owner:g} is not read")
-        it.log.happen("comment", it.flow.line, text=f"M{owner:g} of the CAM file")
+        it.log.add_event("comment", it.flow.line, text=f"M{owner:g} of the CAM file")
         if MOTIONS.isdisjoint(block.codes):
             return True
         for letter in "STPQ":
@@ -249,9 +249,9 @@ class Rs274:
             raise InputError(f"R{values['R']:g} in a straight move is not read; a rounded corner is written ,R")
         elif block.has(CENTRES):
             it.note("I J K in straight moves are not read")
-        unknown = bool(it.course.unknown) and not it.course.muted
+        unknown = bool(it.course.unknown) and not it.course.suspended
         if state.printer and state.motion == 1.0 and unknown and ("E" not in values or not it.log.waypoints):
-            it.note(TRAVEL)
+            it.note(HOMING_NOTE)
             it.course.rapid(*it.motion.target(block))
             return
         if state.motion != 0.0 and block.has(STRAIGHT):
@@ -265,7 +265,7 @@ class Rs274:
             raise InputError("a cut to Z with the tool's length cancelled (H0, G49): the tip's place is not known")
         self.it.note("Z of a block that cancels the tool's length (H0, G49) is left out: it is no place in the part")
         course.retreat()
-        course.lose([2])
+        course.mark_unknown([2])
         del block.values["Z"]
         course.rapid(*self.it.motion.target(block))
 
@@ -281,7 +281,7 @@ class Rs274:
     def use_haas_offset(self, block: CncBlock, code: float) -> None:
         """G110 to G129: a work offset of Haas; on other controls a move."""
         if block.has(MOVING) and MOTIONS.isdisjoint(block.codes):
-            self.it.pass_over(block, code)
+            self.it.skip_unknown(block, code)
         self.origins.use(code + 1000.0 - 109.0)
 
     def set_dynamic_offset(self, block: CncBlock, code: float) -> None:
@@ -298,7 +298,7 @@ class Rs274:
     def probe(self, block: CncBlock, code: float) -> None:
         """G31, G38: probing; G29: bed levelling of printers."""
         self.it.note(f"G{code:g} (probing) is left out; where it ended is not known")
-        self.it.course.lose(block.list_axes() or range(3))
+        self.it.course.mark_unknown(block.list_axes() or range(3))
 
     def set_polar(self, block: CncBlock, code: float) -> None:
         """G15, G16: end or begin polar coordinates, X radius, Y angle; by default those of the tool position."""
@@ -314,7 +314,7 @@ REFUSED = {
     "workpiece setting errors": (54.4,),
 }  # fmt: skip
 PROBE, POLAR = Code(Rs274.probe, 2, "once"), Code(Rs274.set_polar)
-DROP = Code(lambda dialect, block, code: dialect.origins.drop(code), 2, "once")
+DROP = Code(lambda dialect, block, code: dialect.origins.cancel_shift(code), 2, "once")
 HOME = Code(lambda dialect, block, code: dialect.origins.go_home(code, block), 2, "once")
 MIRROR = Code(lambda dialect, block, code: dialect.origins.mirror(code, block), 2, "once")
 TO_PLANE = Code(lambda dialect, block, code: dialect.origins.turn_to_plane(code, stays=code == 53.6), 2, "once")
@@ -336,14 +336,14 @@ G_CODES: dict[float | str, Code] = {
     **dict.fromkeys(HAAS_OFFSETS, Code(Rs274.use_haas_offset)),
     10.0: Code(lambda dialect, block, code: dialect.origins.set_offset(block), 2, "once"),
     28.0: HOME, 30.0: HOME, 52.0: Code(lambda dialect, block, code: dialect.origins.shift(block), 2, "once"),
-    92.0: Code(lambda dialect, block, code: dialect.origins.declare(block), 2, "once"),
+    92.0: Code(lambda dialect, block, code: dialect.origins.set_position(block), 2, "once"),
     92.1: DROP, 92.2: DROP, 92.3: DROP,
-    50.0: Code(lambda dialect, block, code: dialect.it.put(scale=None), 2, "once"),
+    50.0: Code(lambda dialect, block, code: dialect.it.set_frames(scale=None), 2, "once"),
     51.0: Code(lambda dialect, block, code: dialect.origins.scale(block), 2, "once"),
     50.1: MIRROR, 51.1: MIRROR, 53.1: TO_PLANE, 53.6: TO_PLANE, 254.0: DYNAMIC, 255.0: DYNAMIC,
     68.0: Code(lambda dialect, block, code: dialect.origins.rotate(block), 2, "once"),
     68.2: Code(lambda dialect, block, code: dialect.origins.tilt(block), 2, "once"),
-    69.0: Code(lambda dialect, block, code: dialect.it.put(rotation=None, plane=None), 2, "once"),
+    69.0: Code(lambda dialect, block, code: dialect.it.set_frames(rotation=None, plane=None), 2, "once"),
     # compensation and probing
     **dict.fromkeys((43.0, 43.4, 43.5, 44.0, 49.0, 234.0), Code(Rs274.compensate_length)),
     43.1: note(LENGTH_NOTE, "once"), 22.0: note("limits of the working space (G22) are not read", "once"),

@@ -129,7 +129,7 @@ class Klartext:
         it, block = self.it, program.lines[index]
         it.flow.line, text = block.line, block.text
         if block.comment:
-            it.log.happen("comment", block.line, text=block.comment)
+            it.log.add_event("comment", block.line, text=block.comment)
         index += 1
         if text[:1] == "/":
             it.note("blocks marked with / are read")
@@ -181,7 +181,7 @@ class Klartext:
         elif word.removeprefix("I") in ADDRESSES:  # X+10 alone
             self._move("L", text, self._corner_after(program, index))
         elif text[0] in "*;" or (text[0] == "(" and not self.begun and text.endswith(")")):
-            self.it.log.happen("comment", self.it.flow.line, text=text[1 : -1 if text[0] == "(" else None].strip())
+            self.it.log.add_event("comment", self.it.flow.line, text=text[1 : -1 if text[0] == "(" else None].strip())
         elif word.startswith("Q") and "=" in text:
             self._assign(text)
             if defining:
@@ -228,7 +228,7 @@ class Klartext:
 
     def _set_unit(self, scale: float) -> None:
         self.words.unit = scale
-        self.it.put(unit=stretch(scale, scale, scale) if scale != 1.0 else None)
+        self.it.set_frames(unit=stretch(scale, scale, scale) if scale != 1.0 else None)
         self.words.set_feed_scale()
 
     def _assign(self, text: str) -> None:
@@ -246,7 +246,7 @@ class Klartext:
         if number in (*range(9), 13) and lexer.ASSIGN.match(rest):
             self._assign(rest)
         elif number in (14, 20):
-            self.it.log.happen("call" if number == 20 else "stop", line, text=f"FN {text}"[:60])
+            self.it.log.add_event("call" if number == 20 else "stop", line, text=f"FN {text}"[:60])
         else:
             for target in re.findall(r"Q[LRS]?\d+", rest)[:1]:
                 self.words.forget(target, f"FN {number} of line {line} sets it")
@@ -261,7 +261,7 @@ class Klartext:
             if re.search(r"REFPNT\s+(CNT|TIP-CNT|CNT-CNT)", rest):
                 raise InputError("TCPM with the centre of the tool as reference (REFPNT CNT) is not read")
         elif rest.startswith("DWELL") and (found := re.search(rf"TIME\s*({lexer.NUMBER})", rest)):
-            self.it.log.happen("dwell", self.it.flow.line, value=float(found.group(1)))
+            self.it.log.add_event("dwell", self.it.flow.line, value=float(found.group(1)))
         elif SILENT_FUNCTION.match(rest):
             self.it.note(f"FUNCTION {rest.split()[0]} is not read")
         else:
@@ -271,7 +271,7 @@ class Klartext:
         """TCH PROBE: left out; the position at its end is unknown."""
         self.it.note("probing (TCH PROBE) is left out; where it ended is not known")
         self.it.contour.refuse_open()
-        self.it.course.lose()
+        self.it.course.mark_unknown()
 
     def run_functions(self, text: str, *, stops: bool = False) -> None:
         """M functions without a move, or after STOP."""
@@ -280,7 +280,7 @@ class Klartext:
             raise InputError(f"cannot read the block {text[:40]!r}")
         with self.words.functions(block) as codes:
             if stops:
-                self.it.log.happen("stop", self.it.flow.line)
+                self.it.log.add_event("stop", self.it.flow.line)
             self._call_cycle(codes & {89.0, 99.0})
 
     def _call_cycle(self, codes: set[float]) -> None:
@@ -295,7 +295,7 @@ class Klartext:
         it, state = self.it, self.it.state
         block = self.words.read(re.sub(r"\([^()]*\)$", "", rest))
         with self.words.functions(block) as codes:
-            rapid = self.words.take_modes(block)
+            rapid = self.words.set_modes(block)
             if codes & {91.0, 92.0}:
                 it.leave_out_machine_move(block, "M91, M92")
             else:
@@ -373,7 +373,7 @@ class Klartext:
             raise InputError("CYCL CALL PAT, and no pattern that is read is defined")
         block = self.words.read(words.removeprefix("PAT").removeprefix("POS"))
         with self.words.functions(block) as codes:
-            self.words.take_modes(block)
+            self.words.set_modes(block)
             at_place = words.startswith("POS")
             for place in self.points if pattern else [self.it.motion.target(block)[0] if at_place else None]:
                 self.cycles.call(place)

@@ -72,7 +72,7 @@ def clean_line(raw: str) -> str:
     return "" if text.startswith("&") else text.upper()
 
 
-def find_beside(file: Path, suffix: str) -> Sequence[str]:
+def find_sibling(file: Path, suffix: str) -> Sequence[str]:
     """Return the lines of the file of the same name with a suffix in lower or upper case, empty if there is none."""
     beside = next((path for end in (suffix, suffix.upper()) if (path := file.with_suffix(end)).is_file()), None)
     return split_lines(read_bounded(beside)) if beside else ()
@@ -88,7 +88,7 @@ class _KrlReader:
         self.flow.run_line = self._run_line
         self.feed = 0.0
         #: Speed of the current move only (WITH). [mm/s]
-        self.own: float | None = None
+        self.move_feed: float | None = None
         #: Positions and frames by name; values of loop counters; first call that is not read.
         self.positions: dict[str, str | dict[str, float]] = {"$NULLFRAME": "{X 0}"}
         self.counters: dict[str, int] = {}
@@ -102,7 +102,7 @@ class _KrlReader:
             (r"BAS\s*\(\s*#(\w+)\s*,\s*([^)]*)\)", self._set_up),
             (r"(?P<signal>\$OUT\[\d+\])\s*=\s*(?P<on>TRUE|FALSE)$", robot.switch("output")),
             (rf"WAIT\s+SEC\s+(?P<time>{NUMBER})$", robot.switch("dwell")), ("HALT$", robot.switch("stop")),
-            (r"WAIT\b|PULSE\b|TRIGGER\b|\$A?N?OUT|ANOUT\b", robot.ask), (ASSIGN, self._assign),
+            (r"WAIT\b|PULSE\b|TRIGGER\b|\$A?N?OUT|ANOUT\b", robot.add_call_event), (ASSIGN, self._assign),
             (r"DECL|INT|REAL|BOOL|CHAR|EXT|INTERRUPT|GLOBAL|WAIT|HALT|CONTINUE|TRIGGER|SIGNAL|RETURN|BRAKE|PULSE|ENUM|"
              r"ENDFCT|STRUC|DEFDAT|ENDDAT|ANOUT|ANIN|CASE|DEFAULT|ELSE|IMPORT|RESUME|CREAD|CWRITE|COPEN|CCLOSE|E6POS|"
              r"E6AXIS|FRAME|POS|AXIS|CHANNEL|CONFIRM|FDAT|LDAT|PDAT|ON_ERROR_PROCEED|TIME_BLOCK|CONST_VEL|.*:$", None),
@@ -139,7 +139,7 @@ class _KrlReader:
 
     def _load_data(self, file: Path) -> None:
         """Load the positions and frames of the .dat file of a program."""
-        for raw in find_beside(file, ".dat"):
+        for raw in find_sibling(file, ".dat"):
             self._assign(ASSIGN.match(clean_line(raw)))
 
     def _find_programs(self, lines: Sequence[str], file: Path) -> CncProgram:
@@ -156,7 +156,7 @@ class _KrlReader:
         raw = program.lines[index]
         statement, comment = clean_line(raw), raw.partition(";")[2].strip()
         if comment and not re.match(r"(END)?FOLD\b|%\{", comment, re.IGNORECASE):  # without folds of the editor
-            self.robot.log.happen("comment", self.flow.line, text=comment)
+            self.robot.log.add_event("comment", self.flow.line, text=comment)
         if statement in ("END", "ENDFCT") or (statement == "RETURN" and not self.robot.blocks):
             return END
         for counter, value in self.counters.items():  # replace counters in indices and bounds by their values
@@ -200,11 +200,11 @@ class _KrlReader:
         for word in (called, called.lower()):
             beside = file.with_name(f"{word}.src")
             if called not in programs:
-                self._find_programs(find_beside(beside, ".src"), beside)
+                self._find_programs(find_sibling(beside, ".src"), beside)
         if called not in programs:
             self.called = self.called or f"{statement[:24]} in line {self.flow.line}"
             self.note(f"call of {called[:24]}() is not read: it is neither here nor beside the file")
-            self.robot.ask(statement)
+            self.robot.add_call_event(statement)
             return
         if programs[called].file != file:
             self._load_data(programs[called].file)
@@ -290,12 +290,12 @@ class _KrlReader:
 
     def _read_with(self, extra: str) -> None:
         """Read the settings of one move (WITH): its speed; frames and modes are refused."""
-        self.own = None
+        self.move_feed = None
         for item in split_fields(extra, "{", "}"):
             if re.match(r"\s*\$(BASE|TOOL|IPO_MODE)\b", item):
                 raise InputError(f"{item.strip()[:30]!r} for one move is not read; write it as a statement")
             if "$VEL" in item and "CP" in item:
-                self.own = self._read_speed(item)
+                self.move_feed = self._read_speed(item)
 
     def _pose(self, numbers: dict[str, float]) -> Array:
         """Return a pose; coordinates that are not named keep their last values."""
@@ -328,11 +328,11 @@ class _KrlReader:
         named = NAME.match(parts[0])
         if joints and named and named.group(0) not in self.positions:
             unknown = named.group(0)[:24]
-            self.robot.lose(f"joint move to {unknown} is left out: it is not known here or in the .dat file")
+            self.robot.forget_pose(f"joint move to {unknown} is left out: it is not known here or in the .dat file")
             return
         numbers = self._target(parts[0])
         if joints and numbers.keys() & set(AXES):
-            self.robot.lose()
+            self.robot.forget_pose()
         elif joints:
             self.robot.rapid(self._pose(numbers))
         elif kind in ("LIN", "SLIN"):
@@ -349,7 +349,7 @@ class _KrlReader:
             self.robot.circle(via, self._pose(self._target(ends[0])), self._speed(), angle=angle)
 
     def _speed(self) -> float:
-        feed = self.feed if self.own is None else self.own
+        feed = self.feed if self.move_feed is None else self.move_feed
         if feed <= 0.0:
             where = f", {self.called} may set it" if self.called else ""
             self.note(f"cutting moves before any speed $VEL.CP have none{where}; state it with feed_mm_s (--feed)")

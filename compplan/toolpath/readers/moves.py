@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from compplan.errors import InputError
 from compplan.io.tables import Array
-from compplan.toolpath.events import Event, guard_cuts
+from compplan.toolpath.events import Event, insert_spindle_stops
 from compplan.toolpath.readers.arcs import FARTHEST, LARGEST_RADIUS, Arc, Point, combine, count_chords, sample_arc
 from compplan.toolpath.toolpath import Toolpath
 
@@ -111,7 +111,7 @@ class MoveLog:
         self._rows = array("d", rows.ravel())
         self.position = combine(1.0, self.position, 1.0, step)
 
-    def forget(self) -> None:
+    def clear(self) -> None:
         """Drop all moves so far, which are not in the part frame."""
         self._rows, self._arcs, self.waypoints = array("d"), {}, 0
         self.events = [replace(event, place=-1) for event in self.events]
@@ -122,7 +122,7 @@ class MoveLog:
         if point != self.position or axis != self.axis or not self._rows:
             self.counts["rapid_moves"] += 1
             self.position, self.axis = point, axis
-            self._put(point, 0.0, 1.0)
+            self._append(point, 0.0, 1.0)
 
     def line(self, point: Point, feed: float, axis: Point | None = None) -> None:
         """Cut straight to a point with a feed in mm/s and a change of the tool axis."""
@@ -140,7 +140,7 @@ class MoveLog:
         else:
             self.counts["rotary_only_moves"] += 1
         self.position, self.axis = point, axis
-        self._put(point, feed, 0.0)
+        self._append(point, feed, 0.0)
 
     def arc(self, arc: Arc, end: Point, feed: float) -> None:
         """Cut along an arc that ends at a point, with a constant tool axis."""
@@ -149,7 +149,7 @@ class MoveLog:
             raise InputError(f"arc of radius {arc.radius:g} mm, at most {LARGEST_RADIUS:g} mm is read")
         self.waypoints += count_chords(arc, self.chord)
         self._arcs[len(self._rows) // WIDTH] = arc
-        self._put(end, feed, 0.0, len(self._arcs) if abs(arc.rise) <= STILL else 0)
+        self._append(end, feed, 0.0, len(self._arcs) if abs(arc.rise) <= STILL else 0)
         self.counts["cutting_moves"] += 1
         self.counts["arcs"] += 1
         self.counts["full_circles"] += int(abs(arc.sweep) > 2.0 * math.pi - 1e-9)
@@ -179,7 +179,7 @@ class MoveLog:
         first, times = self.notes.get(message, (line, 0))
         self.notes[message] = (first, times + 1)
 
-    def happen(self, kind: str, line: int, *, value: float = 0.0, text: str = "") -> None:
+    def add_event(self, kind: str, line: int, *, value: float = 0.0, text: str = "") -> None:
         """Append a machine function at the current waypoint."""
         place = len(self._rows) // WIDTH - 1
         if kind == "comment":
@@ -191,7 +191,7 @@ class MoveLog:
             raise InputError(f"more than {MOST_EVENTS} events beside motion; no more are read")
         self.events.append(Event(place, kind, value, text[:LONGEST_TEXT]))
 
-    def _put(self, point: Point, feed: float, rapid: float, arc: float = 0.0) -> None:
+    def _append(self, point: Point, feed: float, rapid: float, arc: float = 0.0) -> None:
         """Append a row at a point."""
         self.waypoints += 1
         if self.waypoints > MOST_WAYPOINTS:
@@ -204,7 +204,7 @@ class MoveLog:
     def _start(self) -> None:
         """Append the start of the first cut if there is no row yet."""
         if not self._rows:
-            self._put(self.position, 0.0, 1.0)
+            self._append(self.position, 0.0, 1.0)
 
     def _tabulate(self) -> tuple[Array, list[Event], NDArray[np.bool_]]:
         """Return rows with arcs divided into chords, shape (n, WIDTH), their events, and a mask of holes (n,)."""
@@ -238,7 +238,7 @@ class MoveLog:
         if touched.any():
             lowest, greatest = table[touched, :3].min(axis=0), table[touched, :3].max(axis=0)
             box = (tuple(lowest.round(9).tolist()), tuple(greatest.round(9).tolist()))
-        events, stopped = guard_cuts(found, cut)
+        events, stopped = insert_spindle_stops(found, cut)
         if stopped:
             first = f"the file cuts with a spindle that it has stopped, {stopped} times: the program stops before"
             self.note(first, 1)
@@ -248,10 +248,10 @@ class MoveLog:
             f"line {first}: {message}" + (f" ({times} times)" if times > 1 else "")
             for message, (first, times) in self.notes.items()
         )
-        told = tuple(f"{file.name}, {note}." for note in notes)
+        prefixed = tuple(f"{file.name}, {note}." for note in notes)
         arc, line = table[:, 8:].astype(int).T
         rows = (table[:, :3] * 1e-3, table[:, 3:6], table[:, 6] * 1e-3, rapid)
-        toolpath = Toolpath(*rows, None, "part", str(file), told, events, arc=arc if arc.any() else None, line=line)
+        toolpath = Toolpath(*rows, None, "part", str(file), prefixed, events, arc=arc if arc.any() else None, line=line)
         return CamFile(toolpath, CamFacts(
             str(file), kind, unit, lines, cutting_length_mm=self.length, box_mm=box, arc_length_mm=self.arc_length,
             waypoints=len(table), notes=notes, **facts,

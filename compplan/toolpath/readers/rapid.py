@@ -114,10 +114,10 @@ class _RapidReader:
         self.flow.run_line = self._run_line
         self.tool = ""
         self.external: Array = np.empty(0)
-        self.share, self.fastest = 1.0, math.inf
+        self.speed_override, self.speed_limit = 1.0, math.inf
         #: Rules of statements; a result END ends the procedure.
         self.rules: list[Rule] = [(re.compile(pattern), run) for pattern, run in (
-            (r"!(.*)", lambda found: robot.log.happen("comment", self.flow.line, text=found.group(1).strip())),
+            (r"!(.*)", lambda found: robot.log.add_event("comment", self.flow.line, text=found.group(1).strip())),
             (r"(ERROR|UNDO|BACKWARD)\b", lambda found: END),
             (r"(RETURN|EXIT)\b", lambda found: 0 if robot.blocks else END),
             (r"(IF|FOR|WHILE|TEST)\b", self._branch), (r"END(IF|FOR|WHILE|TEST)\b", robot.count_block),
@@ -129,7 +129,7 @@ class _RapidReader:
              robot.switch("output")),
             (rf"WAITTIME\s*(?:\\INPOS\s*,)?\s*(?P<time>{NUMBER})$", robot.switch("dwell")),
             (r"STOP\b", robot.switch("stop")),
-            (r"(WAIT\w*|SET[A-Z]O\w*|SET|RESET|PULSEDO|INVERTDO|TRIGGIO|TRIGGEQUIP|TRIGGINT)\b", robot.ask),
+            (r"(WAIT\w*|SET[A-Z]O\w*|SET|RESET|PULSEDO|INVERTDO|TRIGGIO|TRIGGEQUIP|TRIGGINT)\b", robot.add_call_event),
             (r"(\w+)\s*([.{].*?)?\s*:=\s*(.+)$", self._assign),
             (r"(CONST|PERS|VAR|LOCAL|TASK|CONF[LJ]|ACCSET|SINGAREA|TP\w+|EXIT\w*|RETURN|CLK\w+|GRIPLOAD|PATHACCLIM|"
              r"WORLDACCLIM|MOTIONSUP|ACTUNIT|DEACTUNIT|INCR|DECR|ISIGNAL\w+|CONNECT|IDELETE|OPEN|CLOSE|WRITE|USE\w*|"
@@ -170,7 +170,7 @@ class _RapidReader:
         if "MOVE" in statement:
             raise InputError(f"{statement[:30]!r} holds a move in a branch; write the moves out in a row")
         if re.search(r"\b(SETDO|SET|RESET|PULSEDO|STOP)\b", statement):
-            self.robot.ask(statement)
+            self.robot.add_call_event(statement)
 
     def _call(self, found: Match) -> None:
         """Execute a procedure of the module; note other statements."""
@@ -179,14 +179,14 @@ class _RapidReader:
             self.robot.call(called, called)
             return
         self.note(f"statement {called[:20]} is not read")
-        self.robot.ask(statement)
+        self.robot.add_call_event(statement)
 
     def _limit_speed(self, found: Match) -> None:
         """Set the speed override [%] and the speed limit [mm/s] of VelSet."""
         numbers = re.fullmatch(rf"({NUMBER})\s*,\s*({NUMBER})", found.group(1))
         if numbers is None or self.robot.blocks:
             raise InputError(f"{found.string[:30]!r} changes the speed and is not read, expected two numbers in a row")
-        self.share, self.fastest = float(numbers.group(1)) / 100.0, float(numbers.group(2))
+        self.speed_override, self.speed_limit = float(numbers.group(1)) / 100.0, float(numbers.group(2))
 
     def _assign(self, found: Match) -> None:
         """Execute an assignment to a robtarget, work object or speed; note a change of tool data."""
@@ -203,7 +203,7 @@ class _RapidReader:
         self.robot.check_row(statement.string)
         word, rest = statement.groups()
         if word in ("MOVEABSJ", "MOVEEXTJ"):
-            self.robot.lose()
+            self.robot.forget_pose()
             return
         fields = split_fields(POINT_ID.sub("", re.sub(r"^\s*CONC\s*,", "", rest)))
         circle = word.startswith(("MOVEC", "TRIGGC"))
@@ -233,10 +233,10 @@ class _RapidReader:
         else:
             self.robot.straight(poses[0], self._speed(fields[1]))
         if word.startswith("TRIGG") or word[5:] in ("SYNC", "AO", "GO"):
-            self.robot.ask(f"{word} {','.join(fields[count + 1 :])}")
+            self.robot.add_call_event(f"{word} {','.join(fields[count + 1 :])}")
         elif word.endswith("DO") and len(fields) >= count + 5:
             state = float(fields[-1].strip() not in ("0", "LOW"))
-            self.robot.log.happen("output", self.flow.line, value=state, text=fields[-2].strip())
+            self.robot.log.add_event("output", self.flow.line, value=state, text=fields[-2].strip())
 
     def _work_object(self, wobj: str) -> Array | None:
         """Return the pose of a work object, None if the module does not state it."""
@@ -290,4 +290,4 @@ class _RapidReader:
         else:
             raise InputError(f"speed {name[:24]!r} is not known, expected v100 or data of this module; state it with "
                              "feed_mm_s (--feed)")  # fmt: skip
-        return min(speed * self.share, self.fastest)
+        return min(speed * self.speed_override, self.speed_limit)

@@ -91,13 +91,13 @@ class RobotProgram:
             raise InputError(f"call of {called} in a loop, a branch or too deep; write the moves out")
         self.flow.run_program(name, self.flow.programs[name], 1)
 
-    def ask(self, found: Match | str) -> None:
+    def add_call_event(self, found: Match | str) -> None:
         """Append a statement without equivalent in other languages as an event for the operator."""
         where = "in a loop or a branch: " if self.blocks else ""
-        self.log.happen("call", self.flow.line, text=where + (found if isinstance(found, str) else found.string))
+        self.log.add_event("call", self.flow.line, text=where + (found if isinstance(found, str) else found.string))
 
     def switch(self, kind: str) -> Callable[[Match], None]:
-        """Return the rule of an output, a wait (dwell) or a halt (stop); see `ask` for loops and branches.
+        """Return the rule of an output, a wait (dwell) or a halt (stop); see `add_call_event` for loops and branches.
 
         Patterns of outputs have the groups `signal` and `on` or `level`, those of waits the group `time`.
         """
@@ -107,9 +107,9 @@ class RobotProgram:
             on = words.get("on") in ("TRUE", "SET") or words.get("level") == "1"
             value = max(float(words["time"]), 0.0) if kind == "dwell" else float(on)
             if self.blocks:
-                self.ask(found)
+                self.add_call_event(found)
             else:
-                self.log.happen(kind, self.flow.line, value=value, text=words.get("signal") or "")
+                self.log.add_event(kind, self.flow.line, value=value, text=words.get("signal") or "")
 
         return run
 
@@ -122,9 +122,9 @@ class RobotProgram:
             self.frame = self.frame @ np.linalg.inv(self.place) @ place
         self.frame_name, self.place = name, place
 
-    def lose(self, note: str = "joint moves to axis values are left out: where they take the tip is not known") -> None:
+    def forget_pose(self, note: str = "") -> None:
         """Leave out a joint move; the pose at its end is unknown."""
-        self.note(note)
+        self.note(note or "joint moves to axis values are left out: where they take the tip is not known")
         self.pose, self.lost = None, True
 
     def note_tool(self) -> None:

@@ -97,7 +97,7 @@ class Sinumerik:
         self.values = lexer.SinumerikBlocks(self.it)
         self.evaluate = self.values.evaluate
         self.flow = SinumerikFlow(self.it, self.values)
-        self.cycles = SinumerikCycles(self.it, self.evaluate, self.ask_for_unit)
+        self.cycles = SinumerikCycles(self.it, self.evaluate, self.check_unit)
 
     def run(self, text: str) -> None:
         """Execute the first main program of a file."""
@@ -118,7 +118,7 @@ class Sinumerik:
         self.it.note("A B C in a swivelled plane position the rotary axes as the plane asks: its axis is taken")
         return True, None
 
-    def ask_for_unit(self, lengths: Iterable[float | None]) -> None:
+    def check_unit(self, lengths: Iterable[float | None]) -> None:
         """Refuse non-zero lengths if neither the program so far nor the options state their unit."""
         if not self.it.state.unit_stated and self.it.options.unit is None and any(lengths):
             raise refuse_unit(NO_UNIT)
@@ -133,7 +133,7 @@ class Sinumerik:
         it.steady = False
         body, comment = lexer.cut_comment(raw)
         if comment and not comment.startswith("$PATH"):
-            it.log.happen("comment", it.flow.line, text=comment)
+            it.log.add_event("comment", it.flow.line, text=comment)
         text = body.upper()
         if not text or text[0] == "%":
             return index + 1
@@ -162,7 +162,7 @@ class Sinumerik:
             if len(names) > 1 or block.codes or block.calls:
                 raise InputError(f"{frame} stands in a block with other words, expected it alone")
             if frame.endswith("TRANS"):
-                self.ask_for_unit(values.get(letter) for letter in AXES)
+                self.check_unit(values.get(letter) for letter in AXES)
             change_frame(it, frame, block)
             return False
         modal = "MCALL" in names
@@ -171,7 +171,7 @@ class Sinumerik:
             self.cycles.modal = None
         if "RET" in names:
             return True
-        for name in [name for name in names if it.flow.find_beside(name)]:
+        for name in [name for name in names if it.flow.find_sibling(name)]:
             if modal:
                 raise InputError(f"MCALL {name} (a subprogram at every place) is not read; write the program out")
             names.remove(name)
@@ -180,22 +180,22 @@ class Sinumerik:
             it.call(f"L{values.pop('L'):g}", values.pop("P", 1.0))
         if len(MOTIONS.intersection(block.codes)) > 1:
             raise InputError("two motions stand in one block, expected one")
-        takes = it.run_words(block, (*block.codes, *names), find_word)
+        coordinate_use = it.run_words(block, (*block.codes, *names), find_word)
         if block.machine or 4.0 in block.codes or "S" in values or "T" in values:
             it.machine.start(block, it.flow.line)
-        if values and self._move(block, takes) and self.cycles.modal:
+        if values and self._move(block, coordinate_use) and self.cycles.modal:
             self.cycles.drill(*self.cycles.modal)
         for called, arguments in block.calls:
             if called == "TRAORI":
                 it.control_tip(True)
             elif called == "CYCLE800":
                 swivel(it, [0.0 if not text or text[0] == '"' else self.evaluate(text) for text in arguments])
-                it.course.aim(self.point_square(it.state.plane))
+                it.course.set_tool_axis(self.point_square(it.state.plane))
             elif not self.cycles.run(called, arguments, modal=modal):
                 self._call(called, arguments, values.get("P", 1.0))
         return it.machine.stop(block.machine, it.flow.line)
 
-    def _move(self, block: CncBlock, takes: str) -> bool:
+    def _move(self, block: CncBlock, coordinate_use: str) -> bool:
         """Execute the motion of a block; return whether it moves the tool."""
         it, state, values = self.it, self.it.state, block.values
         for address in values:
@@ -205,15 +205,15 @@ class Sinumerik:
             state.rounding = values["RNDM"] * state.scale
         if "F" in values and 4.0 not in block.codes:
             state.set_feed(values["F"])
-        if takes == "once" or not block.has(MOVING):
+        if coordinate_use == "once" or not block.has(MOVING):
             return False
-        if takes == "machine":
+        if coordinate_use == "machine":
             for letter in "ABC":
-                if abs(values.get(letter, 0.0)) > 0.5 * lexer.ELSEWHERE:
+                if abs(values.get(letter, 0.0)) > 0.5 * lexer.UNKNOWN_VALUE:
                     raise InputError(f"{letter} of a move in machine coordinates is not known; write its angle")
             it.leave_out_machine_move(block, "SUPA, G53, G153, G74, G75")
             return False
-        self.ask_for_unit(values.get(name) for name in LENGTHS)
+        self.check_unit(values.get(name) for name in LENGTHS)
         if not self.stated and not it.log.waypoints:
             it.note("coordinates before any G0 or G1 are read as G1")
         if state.motion in (0.0, 1.0):
@@ -228,7 +228,7 @@ class Sinumerik:
         """Execute a subprogram with values of its parameters: PROC NAME(REAL A, INT B)."""
         values = [self.evaluate(text) if text else 0.0 for text in arguments]
         for _ in range(int(times) if values else 1):
-            if values and self.it.flow.find_beside(called):
+            if values and self.it.flow.find_sibling(called):
                 program = self.it.flow.programs[called]
                 heads = map(strip, program.lines[program.first : min(program.first + 20, program.last)])
                 head = next((text for text in heads if re.match(r"PROC\s+\w+\s*\(", text)), "()")
@@ -249,7 +249,7 @@ class Sinumerik:
         """G17 to G19: set the working plane."""
         self.it.state.plane = int(code)
         if not self.it.state.tip_control:
-            self.it.course.aim(self.square())
+            self.it.course.set_tool_axis(self.square())
 
     def set_unit(self, block: CncBlock, code: float) -> None:
         """G70, G71 (lengths alone), G700, G710 (feeds as well): inches or millimetres."""

@@ -347,14 +347,14 @@ NUMBERS = st.floats(-100, 100).map(lambda x: round(x, 3))
 def test_expressions_are_worked_out_by_the_rules_of_arithmetic(a: float, b: float, c: float) -> None:
     variables = Macros(Flow(Path()))
     assert variables.assign(f"#1={a:.3f} #2=[{b:.3f}] #<THREE>={c:.3f}")
-    value, used = variables.work_out("#1 - #2 * #<THREE> + [#1 + #2] * 2")
+    value, used = variables.evaluate("#1 - #2 * #<THREE> + [#1 + #2] * 2")
     assert value == pytest.approx(a - b * c + (a + b) * 2) and used == 34
-    assert variables.work_out("ATAN[1]/[-1] + ABS[#1] + ROUND[2.5] + FIX[2.9] + FUP[2.1]")[0] == pytest.approx(
+    assert variables.evaluate("ATAN[1]/[-1] + ABS[#1] + ROUND[2.5] + FIX[2.9] + FUP[2.1]")[0] == pytest.approx(
         135 + abs(a) + 3 + 2 + 3
     )
-    assert variables.work_out("[#1 GT #2] OR [#1 LE #2]")[0] == 1.0
+    assert variables.evaluate("[#1 GT #2] OR [#1 LE #2]")[0] == 1.0
     with pytest.raises(ValueError):
-        variables.work_out("#1 +")
+        variables.evaluate("#1 +")
 
 
 @pytest.mark.parametrize("grammar", [heidenhain_words.GRAMMAR, sinumerik_program.GRAMMAR])

@@ -97,12 +97,12 @@ class Contour:
             for piece in approach(element):
                 self._put(piece)
         if self.held is not None:
-            before, asked = self.held
+            before, held_corner = self.held
             self.held = None
             try:
-                first, between, element = join_corner(before, asked, element)
+                first, between, element = join_corner(before, held_corner, element)
             except ValueError as fault:
-                raise InputError(f"{fault}, in the corner of line {asked.line}") from None
+                raise InputError(f"{fault}, in the corner of line {held_corner.line}") from None
             self._put(first)
             if between is not None:
                 self._put(between)
@@ -212,7 +212,7 @@ def _find_rounding(
 
     left = radius if right_hand else -radius
     found: list[tuple[float, list[complex]]] = []
-    for centre in _meet(move_inwards(before), move_inwards(after)):
+    for centre in _intersect(move_inwards(before), move_inwards(after)):
         first, last = touch(before, centre), touch(after, centre)
         if first is not None and last is not None:
             found.append((abs(centre), [centre, first, last]))
@@ -223,7 +223,7 @@ def _find_rounding(
     return places[0], places[1], places[2]
 
 
-def _meet(one: Flat, other: Flat) -> list[complex]:
+def _intersect(one: Flat, other: Flat) -> list[complex]:
     """Return the intersections of two lines or circles; an empty list for two lines."""
     (start, way), (centre, radius) = (one, other) if isinstance(one[1], complex) else (other, one)
     if isinstance(radius, complex):

@@ -1,7 +1,7 @@
 """Position of the tool in program coordinates, with unknown coordinates, and its moves in the part frame.
 
 Rapid moves are logged once all coordinates are known; cuts from an unknown position are refused.
-Moves in a frame with unknown pose in the part are left out (muted), and cuts there are refused.
+Moves in a frame with unknown pose in the part are left out (suspended), and cuts there are refused.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from typing import Any
 
 from compplan.errors import InputError
 from compplan.toolpath.readers.arcs import Point, arc_about, combine, cross, dot, normalise
-from compplan.toolpath.readers.frames import NOWHERE, UNIT, Frame
+from compplan.toolpath.readers.frames import ORIGIN, UNIT, Frame
 from compplan.toolpath.readers.moves import MoveLog
 from compplan.toolpath.readers.options import CHORD_MM, CamTable, find_start
 
@@ -34,17 +34,17 @@ class Course:
         #: Axes with unknown coordinate; True after a machine move, False if the program has not stated it yet.
         self.unknown = dict.fromkeys(range(3), False)
         #: Whether a cut has begun; whether a machine move to an unknown position precedes the next move.
-        self.begun = self.away = False
+        self.begun = self.after_machine_move = False
         self.reason = ""
         #: Greatest height of a rapid move so far, along Z of the frame. [mm]
         self.height: float | None = None
         self.up = UP
         #: Reasons to leave out moves, with the error message of a cut and the note of a rapid move ("": none).
-        self.muted: dict[str, tuple[str, str]] = {}
+        self.suspended: dict[str, tuple[str, str]] = {}
         self.left_out = 0
         #: Two points in program coordinates whose difference is the direction at the end of the last cut; None
         #: if the last move was not a cut.
-        self.way: tuple[Point, Point] | None = None
+        self.last_direction: tuple[Point, Point] | None = None
 
     def note(self, message: str) -> None:
         """Note an assumption or a skipped statement, with the current line."""
@@ -70,37 +70,37 @@ class Course:
             up = normalise(frame.turn(UP))
             if math.dist(up, self.up) > STEADY:
                 self.up, self.height = up, None
-        self.frame, self.way = frame, None
+        self.frame, self.last_direction = frame, None
 
-    def aim(self, axis: Point) -> None:
+    def set_tool_axis(self, axis: Point) -> None:
         """Set the tool axis in the part by rotary axes; the position of the tip is then unknown."""
         if _angle(self.log.axis, axis) > STEADY:
-            self.lose()
+            self.mark_unknown()
             self.log.axis = axis
 
-    def lose(self, axes: Iterable[int] = range(3), reason: str = "after a move of the machine's axes") -> None:
+    def mark_unknown(self, axes: Iterable[int] = range(3), reason: str = "after a move of the machine's axes") -> None:
         """Mark coordinates as unknown after a machine move."""
         lost = dict.fromkeys(axes, True)
         self.unknown.update(lost)
-        self.way, self.away, self.reason = None, self.away or bool(lost), reason
+        self.last_direction, self.after_machine_move, self.reason = None, self.after_machine_move or bool(lost), reason
 
-    def settle(self, axes: Iterable[int]) -> None:
+    def mark_known(self, axes: Iterable[int]) -> None:
         """Mark coordinates as known."""
         for axis in axes:
             self.unknown.pop(axis, None)
 
-    def mute(self, reason: str, refusal: str = "", note: str = "") -> None:
-        """Leave out all moves until `unmute`; refuse cuts and note rapid moves if there is a text for them."""
-        self.muted[reason] = refusal, note
+    def suspend(self, reason: str, refusal: str = "", note: str = "") -> None:
+        """Leave out all moves until `resume`; refuse cuts and note rapid moves if there is a text for them."""
+        self.suspended[reason] = refusal, note
 
-    def unmute(self, reason: str) -> None:
+    def resume(self, reason: str) -> None:
         """Log moves again, from an unknown position."""
-        if self.muted.pop(reason, None) is not None:
-            self.lose(range(3), "after a change of the frame")
+        if self.suspended.pop(reason, None) is not None:
+            self.mark_unknown(range(3), "after a change of the frame")
 
     def retreat(self) -> None:
         """Retract along Z to the greatest height of a rapid move so far, before a move to the reference position."""
-        if self.muted or self.height is None or self.unknown or not self.log.waypoints:
+        if self.suspended or self.height is None or self.unknown or not self.log.waypoints:
             return
         place = self.frame.apply(self.position)
         rise = self.height - dot(self.up, place)
@@ -120,10 +120,10 @@ class Course:
     def rapid(self, target: Point, named: Sequence[int] = (), axis: Point | None = None) -> None:
         """Move rapidly to a position; the move is logged only if all coordinates are known."""
         before, log = self.position, self.log
-        self.position, self.way = target, None
-        self.settle(named)
-        if self.muted:
-            for note in filter(None, (note for _, note in self.muted.values())):
+        self.position, self.last_direction = target, None
+        self.mark_known(named)
+        if self.suspended:
+            for note in filter(None, (note for _, note in self.suspended.values())):
                 self.note(note)
             return
         point = self.frame.apply(target)
@@ -134,8 +134,8 @@ class Course:
             log.axis = axis or log.axis
             return
         level = dot(self.up, point)
-        if self.away:
-            self.away = False
+        if self.after_machine_move:
+            self.after_machine_move = False
             if log.waypoints and self.height is not None and axis in (None, log.axis):  # sideways first, then down
                 above = max(self.height, level, dot(self.up, self.frame.apply(before)))
                 log.rapid(combine(1.0, point, above - level, self.up))
@@ -144,10 +144,10 @@ class Course:
 
     def begin_cut(self) -> None:
         """Begin a cut at the position of the tool, before its end point is evaluated."""
-        if self.muted:
+        if self.suspended:
             return
         if unknown := set(self.unknown):
-            elsewhere, stated = any(self.unknown.values()) or self.away, self.options.from_mm
+            elsewhere, stated = any(self.unknown.values()) or self.after_machine_move, self.options.from_mm
             if stated is None and self.starts_at_zero and not elsewhere:
                 names = " ".join("XYZ"[axis] for axis in sorted(unknown))
                 self.note(
@@ -160,8 +160,8 @@ class Course:
             if self.log.waypoints:
                 self.rapid(start, range(3))
             else:
-                self.settle(range(3))
-                self.position, self.away = start, False
+                self.mark_known(range(3))
+                self.position, self.after_machine_move = start, False
                 point = self.frame.apply(start)
                 self.height = dot(self.up, point)
                 self.log.place(point)
@@ -170,18 +170,18 @@ class Course:
     def check_place(self, axes: Iterable[int]) -> None:
         """Refuse a block that depends on an unknown coordinate of these axes."""
         unknown = set(axes).intersection(self.unknown)
-        if unknown and not self.muted:
+        if unknown and not self.suspended:
             find_start(self.position, unknown, None, self.reason)
 
     def leave_out(self, target: Point, named: Iterable[int] = ()) -> bool:
-        """Leave out a cut if moves are muted; return whether they are."""
-        if not self.muted:
+        """Leave out a cut if moves are suspended; return whether they are."""
+        if not self.suspended:
             return False
-        if refusal := next((refusal for refusal, _ in self.muted.values() if refusal), ""):
+        if refusal := next((refusal for refusal, _ in self.suspended.values() if refusal), ""):
             raise InputError(refusal)
         self.left_out += 1
         self.position = target
-        self.settle(named)
+        self.mark_known(named)
         return True
 
     def line(self, target: Point, named: Iterable[int], feed: float, axis: Point | None = None) -> None:
@@ -204,7 +204,7 @@ class Course:
         else:
             self.log.line(end, feed, axis)
         if math.dist(start, end) > 1e-9:
-            self.way = self.position, target
+            self.last_direction = self.position, target
         self.position = target
 
     def arc(self, target: Point, named: Iterable[int], feed: float, centre: Point, normal: Point, right_hand: bool,
@@ -223,7 +223,7 @@ class Course:
         arc.check_circle()
         self.log.arc(arc, end, feed)
         along = cross(normal, combine(1.0, target, -1.0, centre))
-        self.position, self.way = target, (NOWHERE, along) if right_hand else (along, NOWHERE)
+        self.position, self.last_direction = target, (ORIGIN, along) if right_hand else (along, ORIGIN)
 
 
 def _angle(before: Point, after: Point) -> float:

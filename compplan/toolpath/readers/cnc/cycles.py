@@ -88,15 +88,15 @@ def drill(course: Course, hole: Hole, name: str) -> None:
                     for level in (hole.clear, back) if hole.lifts else (back,):
                         course.rapid(set_level(place, hole.axis, level))
             if hole.wait > 0.0:
-                log.happen("dwell", line, value=hole.wait)
+                log.add_event("dwell", line, value=hole.wait)
             if hole.turn[0]:
-                log.happen(hole.turn[0], line, value=hole.speed)
+                log.add_event(hole.turn[0], line, value=hole.speed)
             if hole.out is not None:
                 course.line(set_level(place, hole.axis, hole.clear), (), hole.out)
             elif hole.by_clear:
                 go_to_level(course, hole.axis, hole.clear)
             if hole.turn[1]:
-                log.happen(hole.turn[1], line, value=hole.speed)
+                log.add_event(hole.turn[1], line, value=hole.speed)
     else:
         course.note(f"drilling cycle {name} {SKIPPED}")
     go_to_level(course, hole.axis, hole.top)
@@ -196,7 +196,7 @@ def _find_start(it: Interpreter, axis: int, stated: float | None = None) -> floa
     if state.cycle_start is None:
         known = it.course.level_of_height() if axis == 2 else None
         known = state.cycle.get("R", stated) if known is None else known
-        if known is None and not it.course.muted:
+        if known is None and not it.course.suspended:
             raise InputError("a drilling cycle begins where the height of the tool is not known and states no level R; "
                              "let a rapid move (G0) to a height come first")  # fmt: skip
         state.cycle_start = it.course.position[axis] if known is None else known
@@ -209,7 +209,7 @@ def _run_hole(it: Interpreter, code: float, target: Point, named: tuple[int, ...
     start = _find_start(it, axis)
     clear, bottom = words.get("R", start), words[AXES[axis]]
     level = max(start if course.unknown.get(axis) else course.position[axis], clear)
-    course.settle((axis,))
+    course.mark_known((axis,))
     if level > course.position[axis] and not course.unknown:
         course.rapid(set_level(course.position, axis, level))
     course.rapid(set_level(target, axis, level), named)
@@ -222,7 +222,7 @@ def _run_hole(it: Interpreter, code: float, target: Point, named: tuple[int, ...
     )  # fmt: skip
     first = words.get("I", words.get("Q", 0.0))  # Haas: I, reduced by J down to K
     pecks = it.options.cycles == "expand" and code in (73.0, 83.0) and first > 0.0 and bottom < clear
-    if pecks and not course.muted:
+    if pecks and not course.suspended:
         it.note(PECK_NOTE)
         less, least = (words.get("J", 0.0), words.get("K", first)) if "I" in words else (0.0, first)
         hole.pecks = list_pecks(clear, bottom, first, less, least)
@@ -232,8 +232,8 @@ def _run_hole(it: Interpreter, code: float, target: Point, named: tuple[int, ...
 class SinumerikCycles:
     """Drilling cycles of Sinumerik programs: CYCLE81 to 89 and 840, MCALL, HOLES1, HOLES2, CYCLE801."""
 
-    def __init__(self, it: Interpreter, evaluate: Callable[[str], float], ask_for_unit: Callable[..., None]) -> None:
-        self.it, self.evaluate, self.ask_for_unit = it, evaluate, ask_for_unit
+    def __init__(self, it: Interpreter, evaluate: Callable[[str], float], check_unit: Callable[..., None]) -> None:
+        self.it, self.evaluate, self.check_unit = it, evaluate, check_unit
         #: Cycle that is called at every following position (MCALL).
         self.modal: tuple[str, Numbers] | None = None
 
@@ -262,7 +262,7 @@ class SinumerikCycles:
         """
         it, scale = self.it, self.it.state.scale
         it.contour.refuse_open()
-        self.ask_for_unit(numbers[:5])
+        self.check_unit(numbers[:5])
         rtp, rfp, sdis, dp, dpr = (None if number is None else number * scale for number in numbers[:5])
         if rtp is None or (dp is None and not dpr):
             raise InputError(f"{called} states no retract plane or no depth, expected RTP, RFP, SDIS, DP, DPR")

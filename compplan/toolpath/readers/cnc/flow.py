@@ -125,7 +125,7 @@ class Flow:
         self.call.repeats.pop(index, None)
         return False
 
-    def find_beside(self, name: str) -> bool:
+    def find_sibling(self, name: str) -> bool:
         """Load subprogram NAME from NAME.SPF in the folder of the file unless known; return whether it is known."""
         searched = name not in self.programs and len(name) <= LONGEST_NAME
         for candidate in (f"{name}.SPF", f"{name}.spf", f"{name.lower()}.spf") if searched else ():

@@ -52,7 +52,7 @@ def run_approach(it: Interpreter, words: KlartextWords, rest: str, *, leaves: bo
     what, plane, line, axis = "DEP" if leaves else "APPR", it.state.plane, it.flow.line, words.tool_axis
     kind, text = match_form(r"P?(LT|LN|CT|LCT)\b\s*(.*)", rest, f"{what}: LT, LN, CT, LCT").groups()
     block, before = words.read(text), None if it.state.motion == 0.0 else it.motion.feed(0.0)
-    if words.take_modes(block) and not leaves:
+    if words.set_modes(block) and not leaves:
         raise InputError("an approach with FMAX is not read; give it a feed")
     if NEEDED[kind] not in block.values:
         raise InputError(f"{what} {kind} has no {NEEDED[kind]}")

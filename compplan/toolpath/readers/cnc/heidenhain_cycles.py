@@ -13,7 +13,7 @@ from compplan.toolpath.readers.cnc.cycles import SKIPPED, Hole, drill, go_to_lev
 from compplan.toolpath.readers.cnc.heidenhain_words import ASSIGN, CYCLE, NUMBER, TILT_ANGLES, VALUE, KlartextWords
 from compplan.toolpath.readers.cnc.interpreter import Interpreter
 from compplan.toolpath.readers.cnc.state import AXES
-from compplan.toolpath.readers.frames import PLANE_AXES, PLANE_NORMALS, Frame, rotate, shift, stand_on, stretch
+from compplan.toolpath.readers.frames import PLANE_AXES, PLANE_NORMALS, Frame, frame_from_normal, rotate, shift, stretch
 from compplan.toolpath.readers.lines import match_form
 
 #: Drilling cycles, and whether the tool retracts at the feed; old cycles, and the number of the part with their feed.
@@ -79,14 +79,14 @@ class HeidenhainCycles:
             if found.group(2) is None:
                 raise InputError(f"CYCL DEF {number} in one block is not read, expected {number}.0 and {number}.1 ..")
             if part == 0 and number == 8:
-                self.it.put(mirror=None)
+                self.it.set_frames(mirror=None)
             elif part and (rest or number in (8, 19)):
                 self.frames[number](rest)
         elif number == 247:
             self._name_preset(rest)
         elif number == 9:
             if last:
-                self.it.log.happen("dwell", self.it.flow.line, value=self.value(last.group(1)))
+                self.it.log.add_event("dwell", self.it.flow.line, value=self.value(last.group(1)))
         elif number in OLD:
             if not part or self.cycle is None or self.cycle.number != number:
                 self.cycle = Cycle(number)
@@ -241,7 +241,7 @@ class HeidenhainCycles:
             new[axis] = self.value(text) + (new[axis] if step else 0.0)
         if any(new):
             self._refuse_within("a datum shift", "mirror", "rotation")
-        self.it.put(**{name: shift(new[0], new[1], new[2]) if any(new) else None})
+        self.it.set_frames(**{name: shift(new[0], new[1], new[2]) if any(new) else None})
 
     def run_trans(self, rest: str) -> None:
         """TRANS DATUM: datum shift as in cycle 7."""
@@ -270,7 +270,7 @@ class HeidenhainCycles:
         if letters:
             self._refuse_within("a mirror", "rotation")
         x, y, z = (-1.0 if letter in letters else 1.0 for letter in AXES)
-        self.it.put(mirror=stretch(x, y, z) if letters else None)
+        self.it.set_frames(mirror=stretch(x, y, z) if letters else None)
 
     def _rotate(self, rest: str) -> None:
         """Execute cycle 10 (rotation)."""
@@ -283,14 +283,14 @@ class HeidenhainCycles:
 
     def _turn(self) -> None:
         """Activate the rotation about the tool axis."""
-        self.it.put(rotation=rotate(self.words.tool_axis, self.turned) if self.turned else None)
+        self.it.set_frames(rotation=rotate(self.words.tool_axis, self.turned) if self.turned else None)
 
     def _scale(self, rest: str) -> None:
         """Execute cycle 11 (scaling factor)."""
         scale = self.value(match_form(rf"SCL\s*({VALUE})", rest, "scale: SCL and a factor").group(1))
         if not 1e-6 <= scale <= 100.0:
             raise InputError(f"scale {rest[:20]!r} is not read, expected 0.000001 to 100")
-        self.it.put(scale=stretch(scale, scale, scale) if scale != 1.0 else None)
+        self.it.set_frames(scale=stretch(scale, scale, scale) if scale != 1.0 else None)
 
     def _tilt(self, rest: str) -> None:
         """Execute cycle 19 (working plane) with spatial angles; refuse it unless `tilt_angles` confirms them."""
@@ -298,9 +298,9 @@ class HeidenhainCycles:
         if any(angles.values()) and self.it.options.axes.tilt_angles != "spatial":
             raise InputError("cycle 19 states spatial angles on some machines, angles of rotary axes on others: say "
                              'tilt_angles = "spatial" in NAME.toml of [cam] machine, or use PLANE SPATIAL')  # fmt: skip
-        self._stand(find_spatial(*(angles.get(letter, 0.0) for letter in "ABC")))
+        self._set_tilt(find_spatial(*(angles.get(letter, 0.0) for letter in "ABC")))
 
-    def _stand(self, tilt: Frame) -> None:
+    def _set_tilt(self, tilt: Frame) -> None:
         """Activate a tilted plane, or cancel it."""
         self.it.contour.refuse_open()
         if tilt == self.tilt:
@@ -310,7 +310,7 @@ class HeidenhainCycles:
             self.words.forget(name, "the machine works it out from the tilted plane")
         if tilt.plain:
             self.words.values.update(dict.fromkeys(TILT_ANGLES, 0.0))
-        self.it.put(plane=None if tilt.plain else tilt)
+        self.it.set_frames(plane=None if tilt.plain else tilt)
         self.point_tool()
 
     def use_axis(self) -> None:
@@ -322,7 +322,7 @@ class HeidenhainCycles:
         """Orient the tool along the tool axis of the active plane."""
         axis = self.tilt.turn(PLANE_NORMALS[self.it.state.plane])
         if axis != self.it.log.axis:
-            self.it.course.aim(axis)
+            self.it.course.set_tool_axis(axis)
 
     def run_plane(self, rest: str) -> None:
         """Execute PLANE .. ."""
@@ -332,7 +332,7 @@ class HeidenhainCycles:
         if NAMED.sub("", words).strip():
             raise InputError(f"PLANE {rest[:40]!r} is not read, {NAMED.sub('', words).strip()[:20]!r} is not known")
         try:
-            self._stand(self._find_plane(kind, numbers))
+            self._set_tilt(self._find_plane(kind, numbers))
         except KeyError as missing:
             raise InputError(f"PLANE {kind} has no {missing.args[0]}") from None
 
@@ -344,12 +344,12 @@ class HeidenhainCycles:
         if kind == "EULER":
             return rotate(2, n["EULPR"]).then(rotate(0, n["EULNU"])).then(rotate(2, n["EULROT"]))
         if kind == "VECTOR":
-            return stand_on((n["BX"], n["BY"], n["BZ"]), (n["NX"], n["NY"], n["NZ"]))
+            return frame_from_normal((n["BX"], n["BY"], n["BZ"]), (n["NX"], n["NY"], n["NZ"]))
         if kind == "POINTS":
             one, two, three = ((n[f"P{i}X"], n[f"P{i}Y"], n[f"P{i}Z"]) for i in (1, 2, 3))
             if any(one):
                 raise ValueError("PLANE POINTS is read with its first point at the datum; shift the datum there")
-            return stand_on(two, cross(two, three))
+            return frame_from_normal(two, cross(two, three))
         if kind == "RELATIV":
             (name, angle), *more = n.items()
             if more or name not in ("SPA", "SPB", "SPC"):

@@ -197,7 +197,7 @@ class KlartextWords:
         way = re.search(r"MB\s*([-+]?[\d.,]+)", words)
         if way is None:
             self.it.note("retracts to the end of the machine's travel (M140 MB MAX) are left out")
-            course.lose((axis,))
+            course.mark_unknown((axis,))
             return
         self.it.contour.refuse_open()
         target = set_level(course.position, axis, course.position[axis] + self.value(way.group(1)))
@@ -260,7 +260,7 @@ class KlartextWords:
         with self.functions(block):
             pass
 
-    def take_modes(self, block: CncBlock) -> bool:
+    def set_modes(self, block: CncBlock) -> bool:
         """Set contour side and feed of a block; return whether it is rapid."""
         state, values = self.it.state, block.values
         for word in ("R0", "RL", "RR", "R+", "R-"):

@@ -35,23 +35,23 @@ UNKNOWN_MACHINE = "moves while rotary axes stand turned whose machine is not sta
 class Code:
     """Operation of a word: run(dialect, block, code); words of lower rank are executed first.
 
-    `takes` is the use of the coordinates of the block: "" for a move, "once" for arguments of the word, "machine" for
-    machine coordinates.
+    `coordinate_use` states what the coordinates of the block are: "" for a move, "once" for arguments of the word,
+    "machine" for machine coordinates.
     """
 
     run: Callable[..., None]
     rank: int = 0
-    takes: str = ""
+    coordinate_use: str = ""
 
 
-def ignore(takes: str = "") -> Code:
+def ignore(coordinate_use: str = "") -> Code:
     """Return the operation of a word that does not affect the programmed path."""
-    return Code(lambda dialect, block, code: None, 2 if takes else 0, takes)
+    return Code(lambda dialect, block, code: None, 2 if coordinate_use else 0, coordinate_use)
 
 
-def note(text: str, takes: str = "") -> Code:
+def note(text: str, coordinate_use: str = "") -> Code:
     """Return the operation of a word that is skipped with a note."""
-    return Code(lambda dialect, block, code: dialect.it.note(text), 2 if takes else 0, takes)
+    return Code(lambda dialect, block, code: dialect.it.note(text), 2 if coordinate_use else 0, coordinate_use)
 
 
 def refuse(what: str) -> Code:
@@ -120,20 +120,20 @@ class Interpreter:
     ) -> str:
         """Execute the G codes and names of a block in the order of their ranks.
 
-        Return the use of the coordinates of the block, as in `Code.takes`. `find` returns the operation of a word, None
-        if it is unknown.
+        Return the use of the coordinates of the block, as in `Code.coordinate_use`. `find` returns the operation of a
+        word, None if it is unknown.
         """
-        takes = ""
+        use = ""
         found = [((entry.rank if (entry := find(word)) else 0, isinstance(word, str), word), entry) for word in words]
         for (_, _, word), entry in sorted(found, key=lambda item: item[0]) if len(found) > 1 else found:
             if entry is None:
-                self.pass_over(block, word)
+                self.skip_unknown(block, word)
                 continue
             entry.run(self.dialect, block, word)
-            takes = entry.takes if entry.takes == "machine" else takes or entry.takes
-        return takes
+            use = entry.coordinate_use if entry.coordinate_use == "machine" else use or entry.coordinate_use
+        return use
 
-    def pass_over(self, block: CncBlock, word: float | str) -> None:
+    def skip_unknown(self, block: CncBlock, word: float | str) -> None:
         """Note an unknown G code; refuse it if it may use the coordinates of the block, and refuse any other word."""
         name = word[:24] if isinstance(word, str) else f"G{word:g} with coordinates"
         if isinstance(word, str) or (block.has(self.dialect.moving) and MOTIONS.isdisjoint(block.codes)):
@@ -152,7 +152,7 @@ class Interpreter:
             whole = whole.then(self.frames[name]) if name in self.frames else whole
         return whole
 
-    def put(self, **frames: Frame | None) -> None:
+    def set_frames(self, **frames: Frame | None) -> None:
         """Activate frames by name, or cancel them (None)."""
         for name, frame in frames.items():
             self.frames.pop(name, None)
@@ -174,14 +174,14 @@ class Interpreter:
             self.contour.refuse_open()
             self.course.use(frame)
         if self.rotary.unknown and not self.tilted:
-            if UNKNOWN_MACHINE not in self.course.muted:
+            if UNKNOWN_MACHINE not in self.course.suspended:
                 refusal = (
                     f"rotary words {self.rotary.words} (line {self.flow.line}) turn the tool or the part; state which "
                     'with rotary = "head", "table" or "head_table" (--rotary), or machine = "NAME"'
                 )
-                self.course.mute(UNKNOWN_MACHINE, refusal, f"rapid {UNKNOWN_MACHINE} are left out")
+                self.course.suspend(UNKNOWN_MACHINE, refusal, f"rapid {UNKNOWN_MACHINE} are left out")
         else:
-            self.course.unmute(UNKNOWN_MACHINE)
+            self.course.resume(UNKNOWN_MACHINE)
 
     def control_tip(self, on: bool, *, spatial: bool = False) -> None:
         """Switch tool centre point control (X Y Z are the tip in the part); `spatial`: A B C are spatial angles."""
@@ -198,7 +198,7 @@ class Interpreter:
             self.note(f"moves in machine coordinates ({words}) are left out")
             if 2 in axes:
                 self.course.retreat()
-            self.course.lose(axes)
+            self.course.mark_unknown(axes)
         self.turn_home({letter: block.values[letter] for letter in LETTERS if letter in block.values})
 
     def turn_home(self, angles: dict[str, float]) -> None:
@@ -220,7 +220,7 @@ class Interpreter:
 
     def call(self, name: str, times: float) -> None:
         """Execute a subprogram of the file or of its folder."""
-        if not self.flow.find_beside(name):
+        if not self.flow.find_sibling(name):
             where = f"neither %_N_{name}_SPF in this file nor {name}.SPF beside it is there"
             raise InputError(f"subprogram call {name[:40]} is not read: {where}")
         self.contour.refuse_open()

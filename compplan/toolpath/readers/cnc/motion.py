@@ -72,7 +72,7 @@ class MotionReader:
         state, course = self.state, self.course
         return bool(
             state.motion == 1.0 and state.feed and state.feed_mode == 94 and course.begun and not course.unknown
-            and not (state.incremental or state.polar or state.rounding or state.cycle_code or course.muted)
+            and not (state.incremental or state.polar or state.rounding or state.cycle_code or course.suspended)
             and self.contour.idle
         )  # fmt: skip
 
@@ -94,7 +94,7 @@ class MotionReader:
             state.feed = float(feed) * state.feed_scale
         course.position = point
         if point != old:
-            course.way = old, point
+            course.last_direction = old, point
         course.log.line(course.frame.apply(point), state.feed / 60.0)  # type: ignore[operator]
         return True
 
@@ -114,7 +114,7 @@ class MotionReader:
         for axis, letter in enumerate(AXES):
             if letter in values:
                 number = values[letter] * state.scale
-                if state.counts_on(block, letter):
+                if state.is_incremental(block, letter):
                     point[axis] += number
                 else:
                     point[axis] = number
@@ -132,7 +132,7 @@ class MotionReader:
                 if address not in values:
                     state.polar_words.setdefault(address, now[address])
                 else:
-                    base = now[address] if state.counts_on(block, address) else 0.0
+                    base = now[address] if state.is_incremental(block, address) else 0.0
                     state.polar_words[address] = values[address] + base
             radius, angle = state.polar_words["RP"] * state.scale, math.radians(state.polar_words["AP"])
             point[first] = pole[first] + radius * math.cos(angle)
@@ -258,9 +258,9 @@ class MotionReader:
         """Return the direction at the end of the contour so far, in program coordinates."""
         if self.contour.held is not None:
             return self.contour.held[0].tangent(self.contour.held[0].end)
-        if self.course.way is None or self.contour.approach is not None:
+        if self.course.last_direction is None or self.contour.approach is not None:
             raise InputError(f"nothing is cut right before this block that it could go on from smoothly{word}")
-        return normalise(combine(1.0, self.course.way[1], -1.0, self.course.way[0]))
+        return normalise(combine(1.0, self.course.last_direction[1], -1.0, self.course.last_direction[0]))
 
     def _go_round(self, block: CncBlock, target: Point, named: tuple[int, ...], corner: Corner | None) -> None:
         """Cut along an arc: G2 clockwise, G3 counter-clockwise about the normal of the plane."""
@@ -274,7 +274,7 @@ class MotionReader:
             middle = list(start)
             for axis, letter in enumerate(MIDDLES):
                 if letter in values:
-                    base = start[axis] if state.counts_on(block, letter) else 0.0
+                    base = start[axis] if state.is_incremental(block, letter) else 0.0
                     middle[axis] = values[letter] * state.scale + base
             arc = find_arc(start, (middle[0], middle[1], middle[2]), target)
             centre, normal, right_hand = arc.centre, arc.normal, arc.sweep > 0.0

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 from compplan.errors import InputError
 from compplan.toolpath.readers.arcs import Point, combine
-from compplan.toolpath.readers.cnc.course import NOWHERE, UP
+from compplan.toolpath.readers.cnc.course import ORIGIN, UP
 from compplan.toolpath.readers.cnc.interpreter import Interpreter
 from compplan.toolpath.readers.cnc.state import AXES, LETTERS, CncBlock
 from compplan.toolpath.readers.frames import DEEP_AXIS, PLANE_AXES, Frame, rotate, scale_about, shift, turn_about
@@ -42,7 +42,7 @@ class Origins:
         self.origins: dict[float, dict[int, float]] = {}
         self.bases: dict[float, Point] = {}
         #: Shifts of the origin by G92 and G52, origin of the work offset in that of the path; shift restored by G92.3.
-        self.origin = self.shifted = self.base = NOWHERE
+        self.origin = self.shifted = self.base = ORIGIN
         self.kept: Point | None = None
         #: Axes with coordinates known from G92 only.
         self.declared: set[int] = set()
@@ -50,7 +50,7 @@ class Origins:
         self.mirrors: dict[int, float] = {}
         self.turned_to_plane = False
         if self.part_offset != 54.0:
-            self.course.mute(OUTSIDE)
+            self.course.suspend(OUTSIDE)
 
     @property
     def zero(self) -> Point:
@@ -71,16 +71,16 @@ class Origins:
             self.part_offset = code
             return
         old, new = self.origins.get(before, {}), self.origins.get(code, {})
-        if OUTSIDE in course.muted and (code in self.bases or code == self.part_offset):
-            self.base = self.bases.get(code, NOWHERE)
-            course.unmute(OUTSIDE)
-        elif len(old) == 3 and len(new) == 3 and OUTSIDE not in course.muted:
+        if OUTSIDE in course.suspended and (code in self.bases or code == self.part_offset):
+            self.base = self.bases.get(code, ORIGIN)
+            course.resume(OUTSIDE)
+        elif len(old) == 3 and len(new) == 3 and OUTSIDE not in course.suspended:
             self.base = combine(1.0, self.base, 1.0, (new[0] - old[0], new[1] - old[1], new[2] - old[2]))
         elif fresh:
             self.part_offset = code
-            course.lose()
-            self.it.log.forget()
-        elif OUTSIDE not in course.muted:
+            course.mark_unknown()
+            self.it.log.clear()
+        elif OUTSIDE not in course.suspended:
             self.bases[before] = self.base
             here, there = name_offset(self.part_offset), name_offset(code)
             setting = f", or set both with {self.setting} in the file" if self.setting else ""
@@ -90,8 +90,8 @@ class Origins:
             )
             note = f"rapid moves in {there} are left out: how it lies to {here} is not known"
             self.it.contour.refuse_open()
-            course.mute(OUTSIDE, *(("", "") if self.wcs is not None else (refusal, note)))
-        self.it.put(origin=shift(*self.zero))
+            course.suspend(OUTSIDE, *(("", "") if self.wcs is not None else (refusal, note)))
+        self.it.set_frames(origin=shift(*self.zero))
 
     def check_used(self) -> None:
         """Refuse a wcs that the file does not use."""
@@ -123,7 +123,7 @@ class Origins:
             origin[axis] = place
         if cutting:
             self.base = base[0], base[1], base[2]
-            self.it.put(origin=shift(*self.zero))
+            self.it.set_frames(origin=shift(*self.zero))
 
     def go_home(self, code: float, block: CncBlock) -> None:
         """Execute G28 and G30: rapidly through the intermediate point to the reference position, which is unknown.
@@ -139,7 +139,7 @@ class Origins:
         axes = named if named or turned else [0, 1, 2]
         if 2 in axes:
             self.course.retreat()
-        self.course.lose(axes)
+        self.course.mark_unknown(axes)
         self.it.turn_home(dict.fromkeys(turned, 0.0))
 
     def shift(self, block: CncBlock) -> None:
@@ -148,9 +148,9 @@ class Origins:
         for axis in block.list_axes():
             shifted[axis] = block.values[AXES[axis]] * self.state.scale
         self.shifted = shifted[0], shifted[1], shifted[2]
-        self.it.put(origin=shift(*self.zero))
+        self.it.set_frames(origin=shift(*self.zero))
 
-    def declare(self, block: CncBlock) -> None:
+    def set_position(self, block: CncBlock) -> None:
         """Set the coordinates of the current position (G92).
 
         Unknown coordinates of the tool become known; for known ones the origin moves, before and after the first cut.
@@ -168,31 +168,31 @@ class Origins:
             else:
                 origin[axis] += position[axis] - value
         course.position = position[0], position[1], position[2]
-        course.settle(self.declared)
+        course.mark_known(self.declared)
         if not course.begun and any(step):
             self.it.log.shift(course.frame.turn((step[0], step[1], step[2])))
         if found:
             course.rapid(course.position)
         self.origin = self.kept = (origin[0], origin[1], origin[2])
-        self.it.put(origin=shift(*self.zero))
+        self.it.set_frames(origin=shift(*self.zero))
 
-    def drop(self, code: float) -> None:
+    def cancel_shift(self, code: float) -> None:
         """Execute G92.1 and G92.2, which cancel the shift of G92, and G92.3, which restores it after G92.2."""
         if code == 92.3 and self.kept is None:
             raise InputError("G92.3 brings back an offset from before this program, which is not known; set it by G92")
         self.origin, self.kept = (
-            (self.kept or NOWHERE) if code == 92.3 else NOWHERE,
-            NOWHERE if code == 92.1 else self.kept,
+            (self.kept or ORIGIN) if code == 92.3 else ORIGIN,
+            ORIGIN if code == 92.1 else self.kept,
         )
         if code == 92.3:
-            self.course.unmute(DECLARED)
+            self.course.resume(DECLARED)
         elif self.declared:
             self.it.note(DECLARED)
-            self.course.mute(DECLARED, (
+            self.course.suspend(DECLARED, (
                 f"a cut after G{code:g}, which drops the origin that G92 set where the tool stood: how it lies to "
                 "the work offset is not known; end the cuts before it, or let a move to X Y Z come before G92"
             ))  # fmt: skip
-        self.it.put(origin=shift(*self.zero))
+        self.it.set_frames(origin=shift(*self.zero))
 
     def move_in_machine(self, block: CncBlock) -> None:
         """Execute a move in machine coordinates (G53) if the active work offset is known; otherwise leave it out."""
@@ -236,7 +236,7 @@ class Origins:
         if "R" not in block.values or block.has(frozenset("IJK")) or self.state.incremental:
             raise InputError("G68 is read with an angle R in the plane, in G90; post-process other forms of it")
         centre = self._find_centre(block, PLANE_AXES[plane])
-        self.it.put(rotation=turn_about(centre, rotate(DEEP_AXIS[plane], block.values["R"])))
+        self.it.set_frames(rotation=turn_about(centre, rotate(DEEP_AXIS[plane], block.values["R"])))
 
     def scale(self, block: CncBlock) -> None:
         """Execute G51: P scales all axes, I J K single axes; whole numbers from 100 on are in thousandths."""
@@ -247,7 +247,7 @@ class Origins:
                 scales[number] = scale * 1e-3
         if any(abs(scale) < 1e-4 or abs(scale) > LEAST_THOUSANDTHS for scale in scales):
             raise InputError(f"G51 scales by {scales}, expected factors from 0.0001 to 100")
-        self.it.put(scale=scale_about(self._find_centre(block), (scales[0], scales[1], scales[2])))
+        self.it.set_frames(scale=scale_about(self._find_centre(block), (scales[0], scales[1], scales[2])))
 
     def mirror(self, code: float, block: CncBlock) -> None:
         """Execute G51.1 (mirror about X.. Y.. Z..) and G50.1 (cancel mirrors)."""
@@ -257,7 +257,7 @@ class Origins:
                 self.mirrors[axis] = block.values[AXES[axis]] * self.state.scale + self.zero[axis]
         x, y, z = (self.mirrors.get(axis, 0.0) for axis in range(3))
         i, j, k = (-1.0 if axis in self.mirrors else 1.0 for axis in range(3))
-        self.it.put(mirror=scale_about((x, y, z), (i, j, k)) if self.mirrors else None)
+        self.it.set_frames(mirror=scale_about((x, y, z), (i, j, k)) if self.mirrors else None)
 
     def tilt(self, block: CncBlock) -> None:
         """Execute G68.2: origin X Y Z, and I J K as Euler angles z x' z'', with P1 as rotations about fixed X Y Z."""
@@ -268,7 +268,7 @@ class Origins:
         order = ((2, k), (1, j), (0, i)) if form == 1.0 else ((2, i), (0, j), (2, k))
         turn = rotate(*order[0]).then(rotate(*order[1])).then(rotate(*order[2]))
         x, y, z = (values.get(letter, 0.0) * self.it.state.scale for letter in AXES)
-        self.it.put(plane=shift(x, y, z).then(turn_about(self.zero, turn)), rotation=None)
+        self.it.set_frames(plane=shift(x, y, z).then(turn_about(self.zero, turn)), rotation=None)
         self.turned_to_plane = False
 
     def turn_to_plane(self, code: float, *, stays: bool) -> None:
@@ -278,7 +278,7 @@ class Origins:
             raise InputError(f"G{code:g} without a tilted plane (G68.2) has nothing to turn to")
         self.turned_to_plane = True
         if not stays:
-            self.it.course.lose()
+            self.it.course.mark_unknown()
         self.it.log.axis = axis
 
     def check_plane(self) -> None:
@@ -311,12 +311,12 @@ def change_frame(it: Interpreter, word: str, block: CncBlock) -> None:
         factors = [values.get(letter, 1.0) for letter in AXES]
         if len(set(factors)) > 1 or not 1e-6 < abs(factors[0]) < 1e6:
             raise InputError(f"{word} with different factors of its axes is not read")
-        step = scale_about(NOWHERE, (factors[0], factors[0], factors[0]))
+        step = scale_about(ORIGIN, (factors[0], factors[0], factors[0]))
     else:
         i, j, k = (-1.0 if letter in values else 1.0 for letter in AXES)
-        step = scale_about(NOWHERE, (i, j, k))
+        step = scale_about(ORIGIN, (i, j, k))
     it.contour.refuse_open()
-    it.put(program=it.frames.get("program", Frame()).then(step) if word.startswith("A") else step)
+    it.set_frames(program=it.frames.get("program", Frame()).then(step) if word.startswith("A") else step)
 
 
 def swivel(it: Interpreter, arguments: Sequence[float]) -> None:
@@ -337,4 +337,4 @@ def swivel(it: Interpreter, arguments: Sequence[float]) -> None:
     k = it.state.scale
     step = shift(x0 * k, y0 * k, z0 * k).then(turn).then(shift(x1 * k, y1 * k, z1 * k))
     step = it.find_frame().then(step) if status % 10 == 1 else step
-    it.put(shift=step if step.plain else None, plane=None if step.plain else step, program=None)
+    it.set_frames(shift=step if step.plain else None, plane=None if step.plain else step, program=None)

@@ -101,12 +101,12 @@ class Rotary:
         head, table = self.axes
         if any(angles.get(letter) for letter, _ in head):
             if stated.pivot_mm is None:
-                raise self._ask_for("pivot_mm = the distance from the tool tip to where the rotary axes meet")
+                raise self._missing("pivot_mm = the distance from the tool tip to where the rotary axes meet")
             step = combine(1.0, UP, -1.0, swing(head, angles))
             placed = Frame(origin=combine(stated.pivot_mm, step, 0.0, step))
         if any(angles.get(letter) for letter, _ in table):
             if stated.rotary_centre_mm is None and not self.dynamic:
-                raise self._ask_for("rotary_centre_mm = [x, y, z] of the first table axis as seen from the part zero")
+                raise self._missing("rotary_centre_mm = [x, y, z] of the first table axis as seen from the part zero")
             x, y, z = stated.rotary_centre_mm if stated.rotary_centre_mm and not self.dynamic else (0.0, 0.0, 0.0)
             i, j, k = (0.0, 0.0, 0.0) if self.dynamic else stated.rotary_offset_mm
             for number, (letter, sense) in enumerate(table):
@@ -114,7 +114,7 @@ class Rotary:
                 placed = turn_about(combine(1.0, (x, y, z), number, (i, j, k)), turn).then(placed)
         return placed
 
-    def _ask_for(self, missing: str) -> InputError:
+    def _missing(self, missing: str) -> InputError:
         """Return the error for an unknown tip position due to a missing machine dimension."""
         return InputError(
             f"{self.words} without control of the tip (G43.4, TRAORI, M128): X Y Z are positions of the machine; state "

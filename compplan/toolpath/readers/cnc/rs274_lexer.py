@@ -93,7 +93,7 @@ OWNERS = frozenset(float(code) for code in (
     871, 876, 900, *range(906, 920), 928, 951, 993, 994, 995, 997, 999, 1000, 1002, 1006,
 ))  # fmt: skip
 #: M codes among them whose words include X Y Z.
-PLACING = frozenset(float(code) for code in (
+WITH_COORDINATES = frozenset(float(code) for code in (
     92, 122, 125, *range(200, 230), 301, 303, 304, 350, 351, 420, 425, 540, 558, 566, 569, 574, 579, 584, 593, 665, 666,
     669, 671, 672, 851, 852, 871, 900, *range(906, 920), 951, 1006,
 ))  # fmt: skip
@@ -119,7 +119,7 @@ class Lexer:
         """Return the block of a line, None if it has none."""
         line, comments = strip_comments(raw)
         for comment in comments:
-            self.it.log.happen("comment", self.it.flow.line, text=comment)
+            self.it.log.add_event("comment", self.it.flow.line, text=comment)
         if not line:
             return None
         if len(line) > 200:
@@ -176,7 +176,7 @@ class Lexer:
             raise InputError(f"program control {line[:40]!r} (O words) is not read; write the program out")
         if (owner := OWNER_LINE.match(line)) and owns_words(float(owner.group(1))):
             self.it.note(f"M{owner.group(1)} is not read")
-            self.it.log.happen("comment", self.it.flow.line, text=f"M{owner.group(1)} of the CAM file")
+            self.it.log.add_event("comment", self.it.flow.line, text=f"M{owner.group(1)} of the CAM file")
             return None
         if BARE_HOME.fullmatch(line):
             return [("G", 28.0)], line

@@ -84,14 +84,14 @@ class Macros:
         #: Target line of a jump.
         self.next: int | None = None
 
-    def _home(self, name: str) -> dict[str, float]:
+    def _scope(self, name: str) -> dict[str, float]:
         """Return the dictionary that holds a variable."""
         private = int(name) <= 33 if name.isdigit() else not name.startswith("_")
         return self.local[-1] if private else self.shared
 
     def get(self, name: str, indices: tuple[float, ...] = ()) -> Value:
         """Return the value of a variable, None if vacant (#0, and locals of a macro call without argument)."""
-        value = self._home(name).get(name)
+        value = self._scope(name).get(name)
         if value is None and name != "0" and not (len(self.local) > 1 and name.isdigit() and int(name) <= 33):
             shown = f"#{name}" if name.isdigit() else f"#<{name}>"
             raise ValueError(f"{shown} is read before the file has set it")
@@ -101,15 +101,15 @@ class Macros:
         """Set a variable; None makes it vacant."""
         if name == "0" or (name.isdigit() and int(name) >= 1000):
             raise ValueError(f"#{name} belongs to the control, the file may set #1 to #999")
-        home = self._home(name)
+        scope = self._scope(name)
         if value is None:
-            home.pop(name, None)
+            scope.pop(name, None)
             return
-        home[name] = value
-        if len(home) > MOST_VARIABLES:
+        scope[name] = value
+        if len(scope) > MOST_VARIABLES:
             raise ValueError(f"more than {MOST_VARIABLES} variables are set")
 
-    def work_out(self, text: str) -> tuple[Value, int]:
+    def evaluate(self, text: str) -> tuple[Value, int]:
         """Return the value of the expression at the beginning of a text, and the index of its end."""
         parser = Parser(text, 0, GRAMMAR, self.get)
         return parser.parse_all(), parser.place
@@ -120,7 +120,7 @@ class Macros:
         results: list[tuple[str, Value]] = []
         while found := ASSIGNMENT.match(line, place):
             name = Parser(found.group(1), 0, GRAMMAR, self.get).read_name()
-            value, used = self.work_out(line[found.end() :])
+            value, used = self.evaluate(line[found.end() :])
             place = found.end() + used
             results.append((name, value))
         if line[place:].strip():
@@ -129,7 +129,7 @@ class Macros:
             self.set(name, value)
         return bool(results)
 
-    def spell_out(self, line: str) -> str:
+    def substitute(self, line: str) -> str:
         """Replace the expressions of a block by numbers; words with a vacant variable are left out."""
         parts: list[str] = []
         place = 0
@@ -171,7 +171,7 @@ class Macros:
         try:
             if self._control(bare) or (bare.startswith("#") and self.assign(bare)):
                 return None
-            return self.spell_out(line)
+            return self.substitute(line)
         except (ValueError, ArithmeticError) as fault:
             raise InputError(f"{fault}, in {bare[:40]!r}") from None
 
@@ -179,7 +179,7 @@ class Macros:
         """Execute IF, GOTO, WHILE DO and END; return whether the line is one of them."""
         unread = f"program control {line[:40]!r} is not read, expected"
         if found := IF.match(line):
-            condition, used = self.work_out(line[found.end() :])
+            condition, used = self.evaluate(line[found.end() :])
             rest = line[found.end() + used :].strip()
             if rest.startswith("THEN"):
                 if condition and not self.assign(rest[4:].strip()):
@@ -190,12 +190,12 @@ class Macros:
                 self._control(rest)
             return True
         if found := GOTO.match(line):
-            number, used = self.work_out(found.group(1))
+            number, used = self.evaluate(found.group(1))
             if number is None or number != int(number) or found.group(1)[used:].strip():
                 raise InputError(f"{unread} GOTO and the number of a block")
             self.next = self._find(f"N{int(number)}")
         elif found := WHILE.match(line):
-            if found.group(1) and not self.work_out(found.group(1))[0]:
+            if found.group(1) and not self.evaluate(found.group(1))[0]:
                 self.next = self._find("END" + found.group(2), 1) + 1
         elif found := END_LOOP.match(line):
             self.next = self._find("DO" + found.group(1), -1)

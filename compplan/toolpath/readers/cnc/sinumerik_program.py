@@ -82,7 +82,7 @@ GRAMMAR = Grammar(
 
 
 #: Value of an unknown variable in a move that is left out.
-ELSEWHERE = 1e30
+UNKNOWN_VALUE = 1e30
 #: System variables with a constant value while a program runs.
 SYSTEM = {"$PI": math.pi, "TRUE": 1.0, "FALSE": 0.0, "$P_SEARCH": 0.0, "$P_ISTEST": 0.0, "$P_SIM": 0.0,
           "$P_SEARCH1": 0.0, "$P_SEARCH2": 0.0, "$P_DRYRUN": 0.0, "$P_PROGTEST": 0.0}  # fmt: skip
@@ -104,11 +104,11 @@ class SinumerikBlocks:
         self.text, self.place, self.words, self.home = "", 0, CncBlock(), False
 
     def look_up(self, name: str, indices: tuple[float, ...]) -> float:
-        """Return the value of a variable; if unknown, ELSEWHERE in a move that is left out, otherwise a ValueError."""
+        """Return the value of a variable; if unknown, UNKNOWN_VALUE in an omitted move, otherwise a ValueError."""
         if name in SYSTEM:
             return SYSTEM[name]
         name, indices = find_key(name, indices)
-        value = self.numbers.get((name, indices), 0.0 if name in self.names else ELSEWHERE if self.home else None)
+        value = self.numbers.get((name, indices), 0.0 if name in self.names else UNKNOWN_VALUE if self.home else None)
         if value is None:
             shown = f"{name}[{', '.join(f'{index:g}' for index in indices)}]" if indices else name
             why = self.it.unknown.get(name, "the program gives it none")
@@ -324,7 +324,7 @@ class SinumerikFlow:
         if word in REFUSED:
             raise InputError(f"{word} {rest[:24]!r} is not read; write the program out in the CAM system")
         if word == "MSG" and (told := re.search(r'MSG\s*\(\s*"([^"]*)"', raw, re.IGNORECASE)):
-            self.it.log.happen("comment", self.flow.line, text=told.group(1))
+            self.it.log.add_event("comment", self.flow.line, text=told.group(1))
         elif word == "DEF":
             self._declare(text)
         if word in ("MSG", "DEF", "PROC", "EXTERN"):

@@ -112,7 +112,7 @@ class State:
             return self.feed * self.spindle / 60.0 if self.spindle > 0.0 else None
         return self.feed / 60.0
 
-    def counts_on(self, block: CncBlock, address: str) -> bool:
+    def is_incremental(self, block: CncBlock, address: str) -> bool:
         """Return whether a number of a block is incremental."""
         return address in block.relative or (self.incremental and address not in block.absolute)
 
@@ -120,7 +120,7 @@ class State:
         """Update the angles of rotary axes with those of a block."""
         for letter in LETTERS:
             if letter in block.values:
-                base = angles.get(letter, 0.0) if self.counts_on(block, letter) else 0.0
+                base = angles.get(letter, 0.0) if self.is_incremental(block, letter) else 0.0
                 angles[letter] = block.values[letter] + base
 
     def centre(self, start: Point, block: CncBlock, plane: int) -> Point:
@@ -150,7 +150,7 @@ class Machine:
         if "T" in values:
             state.tool, state.tool_name = values["T"], ""
             if not changing and not state.changes_by_t:
-                log.happen("comment", line, text=f"tool T{values['T']:g} is called")  # changed by the next M6
+                log.add_event("comment", line, text=f"tool T{values['T']:g} is called")  # changed by the next M6
         if 61.0 in machine:
             state.tool, state.tool_name = values.get("Q", state.tool), ""
         if changing or by_t:
@@ -170,11 +170,11 @@ class Machine:
                 wait = max(values["P"], 0.0) * (1e-3 if milli else 1.0)
             elif "S" in values:  # in revolutions
                 wait = 60.0 * values["S"] / state.spindle if state.spindle > 0.0 else 0.0
-            log.happen("dwell", line, value=wait)
+            log.add_event("dwell", line, value=wait)
 
     def change_tool(self, line: int) -> None:
         """Change to the selected tool."""
-        self.log.happen("tool", line, value=self.state.tool, text=self.state.tool_name)
+        self.log.add_event("tool", line, value=self.state.tool, text=self.state.tool_name)
         self.state.turning = ""
 
     def switch_on(self, machine: Iterable[float], line: int, *, changed: bool = False) -> None:
@@ -186,15 +186,15 @@ class Machine:
                 state.turning, changed = kind, True
         if changed and state.turning:
             off = state.spindle == 0.0
-            log.happen("spindle_off" if off and not kinds else state.turning, line, value=state.spindle)
+            log.add_event("spindle_off" if off and not kinds else state.turning, line, value=state.spindle)
         for kind in kinds:
             if not kind.startswith("spindle"):
                 state.cooling = True
-                log.happen(kind, line)
+                log.add_event(kind, line)
         for code in machine:
             if code not in STARTING and code not in STOPPING and code not in self.silent:
                 log.note(f"M{code:g} is not read", line)
-                log.happen("comment", line, text=f"M{code:g} of the CAM file")
+                log.add_event("comment", line, text=f"M{code:g} of the CAM file")
 
     def stop(self, machine: Iterable[float], line: int) -> bool:
         """Execute M codes after the move of their block; return whether the program ends."""
@@ -205,12 +205,12 @@ class Machine:
             elif kind == "coolant_off":
                 self.state.cooling = False
             if kind:
-                self.log.happen(kind, line)
+                self.log.add_event(kind, line)
         return not self.ends.isdisjoint(machine)
 
     def end(self, line: int) -> None:
         """Stop running spindle and coolant at the end of the program."""
         for running, kind in ((self.state.turning, "spindle_off"), (self.state.cooling, "coolant_off")):
             if running:
-                self.log.happen(kind, line)
+                self.log.add_event(kind, line)
         self.state.turning, self.state.cooling = "", False
