@@ -36,7 +36,7 @@ def read_measured(
         campaign = read_campaign(
             measurements, mounted, None if instrument is None else read_instrument(Path(instrument))
         )
-    if instrument is not None and campaign.sights is None:
+    if instrument is not None and campaign.observations is None:
         message = "an instrument is given, but the log has none of the columns contact, reading_mm, distance_mm"
         raise InputError(message, file=campaign.file)
     if target_offset_mm is not None:
@@ -50,7 +50,7 @@ def read_measured(
 
 def choose_frames(register: Sequence[str], campaign: Campaign) -> tuple[str, ...]:
     """Return the frames to fit: those given, otherwise the tool if an instrument observes an unknown point."""
-    unknown = campaign.sights is not None and not campaign.measured.any() and campaign.target_offset is None
+    unknown = campaign.observations is not None and not campaign.measured.any() and campaign.target_offset is None
     return tuple(register) or (("tool",) if unknown else ())
 
 

@@ -122,7 +122,7 @@ def run_self_test(
 
 def check_self_test(campaign: Campaign) -> None:
     """Raise InputError for a log with rows of other instruments than a tracker."""
-    if campaign.sights is not None:
+    if campaign.observations is not None:
         message = "--self-test takes logs of positions alone, without contacts, readings and distances"
         raise InputError(message, file=campaign.file)
 

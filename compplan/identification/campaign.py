@@ -79,7 +79,7 @@ def identify_campaign(
     gap = measure_gap(replace(problem.rows, registration=frames), structure, kept)
     sigma = float(np.median(rows.deviation[:, 0]))
     uncertainty = identified_uncertainty(updated, kept, gap, difference=problem.difference, sigma=sigma, source=source)
-    if "base" in chosen.register or campaign.adrift:
+    if "base" in chosen.register or campaign.free_base:
         uncertainty = free_base(robot, uncertainty)
     notes += [*outlier_notes, *more, *_describe_clustered(kept)]
     return Identification(

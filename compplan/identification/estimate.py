@@ -18,7 +18,7 @@ from compplan.measurement.fit.intervals import (
     HeldOutRows,
     condition_number,
     find_free,
-    find_mates,
+    find_similar,
     predict_left_out,
     state_spread,
 )
@@ -26,10 +26,10 @@ from compplan.measurement.fit.least_squares import (
     BLOCKS,
     System,
     check_loss,
-    forget_turns,
     information,
     iterate_gauss_newton,
     loss_weights,
+    project_out_rotations,
 )
 from compplan.measurement.fit.rows import KNOWN_FRAMES, Rows
 from compplan.measurement.frames import move_frames
@@ -133,7 +133,7 @@ def fit_rows(structure: FreeRobot, rows: Rows) -> Estimate:
     parameters = (*structure.parameters, *frame_parameters(rows.registration, rows.turned))
     state = attain_fit(structure, structure.nominal, rows, rows.registration)
     system = linearise(rows, state)
-    identifiable_system = forget_turns(system, rows.taken.sights, rows.registration)
+    identifiable_system = project_out_rotations(system, rows.taken.observations, rows.registration)
     matrix = information(identifiable_system, identifiable_system.whitener(np.ones(BLOCKS)), rows.group)
     free = find_inseparable(matrix, parameters)
     held = explain_held(rows.taken, state, matrix, parameters, free)
@@ -157,7 +157,7 @@ def fit_rows(structure: FreeRobot, rows: Rows) -> Estimate:
         freedom=freedom,
         state=state,
         system=system,
-        weights=loss_weights(rows.loss, system.distance(noise), system.seen)[0],
+        weights=loss_weights(rows.loss, system.distance(noise), system.count_measured)[0],
         noise=noise,
         clustered=clustered,
         iterations=steps,
@@ -224,7 +224,7 @@ def explain_held(
     """List the held parameters, the parameters that each cannot be separated from, and the reason."""
     sizes = np.array([parameter.size for parameter in parameters])
     found = []
-    for k, mates in find_mates(information, sizes, free):
+    for k, mates in find_similar(information, sizes, free):
         names = tuple(parameters[j].name for j in mates)
         if mates:
             reason = _explain_inseparable(log, state, [parameters[j] for j in (k, *mates)])

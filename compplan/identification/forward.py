@@ -123,10 +123,10 @@ def differentiate(rows: Rows, state: RowState) -> tuple[Array, Array]:
         if at in measured:
             encoder[:, measured[at].joint, k] = measured[at].sign * state.torque[:, at]
     _add_effects(state, pose, encoder)
-    R = state.frames.base[:3, :3]
+    R, log = state.frames.base[:3, :3], rows.taken
     pose = np.concatenate([np.einsum("ij,njp->nip", R, pose[:, :3]), np.einsum("ij,njp->nip", R, pose[:, 3:])], axis=1)
     columns = frame_columns(
-        state.frames, state.position, state.loaded.tcp_rotation, rows.taken.target_index, rows.turned, rows.taken.sights
+        state.frames, state.position, state.loaded.tcp_rotation, log.target_index, rows.turned, log.observations
     )
     pose = np.concatenate([pose, *columns], axis=2)
     encoder = np.concatenate([encoder, np.zeros((n, encoder.shape[1], pose.shape[2] - encoder.shape[2]))], axis=2)
@@ -144,8 +144,8 @@ def linearise(rows: Rows, state: RowState) -> System:
         block = np.r_[block, np.full(extra.shape[1], ENCODERS)]
     missing = ~np.isfinite(residual)
     system = System(np.where(missing, 0.0, residual), columns, np.where(missing, np.inf, sigma), block)
-    sights = rows.taken.sights
-    return system if sights is None else observe_rows(system, sights, state.frames, state.position)
+    observations = rows.taken.observations
+    return system if observations is None else observe_rows(system, observations, state.frames, state.position)
 
 
 def _add_effects(state: RowState, pose: Array, encoder: Array) -> None:

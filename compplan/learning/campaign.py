@@ -38,8 +38,6 @@ from compplan.uncertainty.sensitivities import (
     read_force_spread,
 )
 
-#: Number of sampled postures that represent the workspace (assumed).
-REACH = 100
 #: Probability of the chi-square test whether a log is consistent with the parameter uncertainty.
 BY_CHANCE = 0.999
 
@@ -51,7 +49,7 @@ class PoseCampaign:
     plan: Plan  #: Plan of the path for which they are chosen.
     equipment: Equipment  #: Available measuring equipment.
     poses: Candidates  #: The measurements, in the order of measuring.
-    worth: NDArray[np.int_]  #: Rank in `choice`, 1 the most useful; ordered as `poses`.
+    rank: NDArray[np.int_]  #: Rank in `choice`, 1 the most useful; ordered as `poses`.
     choice: Choice  #: Reduction of the band, in the order of the rank.
     design: Design  #: Prior uncertainty and linearised path.
     start: Array  #: Covariance before the first measurement.
@@ -62,9 +60,9 @@ class PoseCampaign:
     notes: tuple[str, ...]  #: Notes for the user, one sentence each.
 
     @property
-    def stands(self) -> tuple[Fixture, ...]:
+    def fixtures(self) -> tuple[Fixture, ...]:
         """Return the locations of the instrument; empty for a tracker, which may be placed anywhere."""
-        return list_fixtures(self.equipment.instrument, self.poses.sights, self.poses.tip)
+        return list_fixtures(self.equipment.instrument, self.poses.observations, self.poses.tip)
 
 
 def design_campaign(
@@ -85,27 +83,27 @@ def design_campaign(
     # poses reduce the uncertainty of the robot alone: its correlation with the force is ignored
     path = linearise_path(scene, known, read_force_spread(plan.job), task.cut, touched=task.touched)
     design, notes = Design(known, replace(path, tie=None), equipment.sigma, equipment.frames), list_assumed(robot)
-    start, used, said = learn_log(design, robot, log)
-    notes += said
+    start, used, advice = learn_log(design, robot, log)
+    notes += advice
     announce("postures")
-    postures, sights = find_postures(robot, plan.q, lowest, solids, equipment.seed), None
+    postures, observations = find_postures(robot, plan.q, lowest, solids, equipment.seed), None
     if equipment.instrument != TRACKER and len(postures):
         places = PLACES[equipment.instrument] if equipment.places is None else equipment.places
         middle = task.position[task.cut].mean(axis=0)
-        postures, sights = find_touching(robot, postures, middle, lowest, equipment.instrument, places,
+        postures, observations = find_touching(robot, postures, middle, lowest, equipment.instrument, places,
                                           equipment.length, solids)  # fmt: skip
     if len(postures) < count:
         raise InputError(
             f"the arm finds {len(postures)} postures to measure in, {count} are asked for; check limits and collisions"
         )
     candidates = list_candidates(robot, postures, equipment.weights, equipment.pull, known.unknowns)
-    if sights is not None:
-        candidates = replace(candidates, sights=sights.repeat(len(candidates) // len(sights.kind)))
+    if observations is not None:
+        candidates = replace(candidates, observations=observations.repeat(len(candidates) // len(observations.kind)))
     announce("choice")
-    if candidates.sights is not None:
-        design, start = add_places(design, start, candidates.sights, candidates.tip, count)
+    if candidates.observations is not None:
+        design, start = add_places(design, start, candidates.observations, candidates.tip, count)
     choice = choose_measurements(design, candidates, count, start)
-    notes += _ask_for_load(design, equipment, choice.covariance, task.wrench[task.cut, :3])
+    notes += advise_load(design, equipment, choice.covariance, task.wrench[task.cut, :3])
     chosen = candidates.take(choice.rows)
     order, touching = order_poses(robot, chosen.q, chosen.start, chosen.wrench, plan.q[0], solids)
     again, after = np.r_[order, order[0]], known.with_covariance(choice.covariance)
@@ -113,7 +111,7 @@ def design_campaign(
         plan=plan,
         equipment=equipment,
         poses=chosen.take(again),
-        worth=again + 1,
+        rank=again + 1,
         choice=choice,
         design=design,
         start=start,
@@ -124,26 +122,28 @@ def design_campaign(
     )
 
 
-def add_places(design: Design, start: Array, sights: Observations, tip: Array, count: int) -> tuple[Design, Array]:
+def add_places(
+    design: Design, start: Array, observations: Observations, tip: Array, count: int
+) -> tuple[Design, Array]:
     """Add the unknown contact positions to a design; condition its covariance on the known distances between them.
 
     Raises:
         InputError: If `count` poses are fewer than two for each place.
     """
-    if count < 2 * len(sights.names):
-        message = f"{count} poses at {len(sights.names)} unknown places, expected at least two a place"
+    if count < 2 * len(observations.names):
+        message = f"{count} poses at {len(observations.names)} unknown places, expected at least two a place"
         raise InputError(f"{message}: more --poses or fewer --places")
-    design = replace(design, places=len(sights.names))
+    design = replace(design, places=len(observations.names))
     wide = design.start.copy()
     wide[: len(start), : len(start)] = start
-    places = sights.start_places(tip)
-    slopes = sights.known.slopes(places).reshape(len(sights.known), 3 * len(places))
-    for row, sigma in zip(slopes, sights.known.sigma, strict=True):
+    places = observations.start_places(tip)
+    slopes = observations.known.slopes(places).reshape(len(observations.known), 3 * len(places))
+    for row, sigma in zip(slopes, observations.known.sigma, strict=True):
         wide = learn_rows(wide, np.pad(row, (len(wide) - len(row), 0))[None, None], float(sigma) ** 2)
     return design, wide
 
 
-def _ask_for_load(design: Design, equipment: Equipment, covariance: Array, force: Array) -> list[str]:
+def advise_load(design: Design, equipment: Equipment, covariance: Array, force: Array) -> list[str]:
     """Return advice to add loads, if compliances dominate the remaining band or weights miss a sideways force. [N]"""
     aside, down = (float(np.linalg.norm(part, axis=1).max(initial=0.0)) for part in (force[:, :2], force[:, 2:]))
     if equipment.loaded:
@@ -169,26 +169,26 @@ def learn_log(design: Design, robot: Robot, log: Campaign | None) -> tuple[Array
     if log is None:
         return design.start, 0, []
     use = np.flatnonzero(log.usable & ~log.on_path)
-    sights = None if log.sights is None else log.sights.take(use)
+    observations = None if log.observations is None else log.observations.take(use)
     # the contact positions of this log are further unknowns of the state while its rows are learned
-    own = design if sights is None else replace(design, places=len(sights.names))
+    own = design if observations is None else replace(design, places=len(observations.names))
     scene = build_varied_model(robot, log)
     predicted = predict_campaign(robot, log, register=design.frames)
     slopes = measure_slopes(scene, design.known.unknowns, use)
-    rows = own.rows(slopes, predicted.position[use], predicted.rotation[use], sights)
+    rows = own.rows(slopes, predicted.position[use], predicted.rotation[use], observations)
     gap, flat = predicted.gap[use].reshape(-1), rows.reshape(3 * len(use), -1)
     spread = flat @ own.start @ flat.T + design.noise * np.eye(len(flat))
-    told = int(np.sum(np.abs(flat).sum(axis=1) > 0)) if sights is None else int(np.linalg.matrix_rank(rows).sum())
-    freedom = max(told - 3 * len(design.frames) ** 2 - 3 * own.places, 1)
+    rank = int(np.sum(np.abs(flat).sum(axis=1) > 0)) if observations is None else int(np.linalg.matrix_rank(rows).sum())
+    freedom = max(rank - 3 * len(design.frames) ** 2 - 3 * own.places, 1)
     distance = float(gap @ np.linalg.solve(spread, gap))
-    said = []
+    advice = []
     if distance > 2.0 * gammaincinv(0.5 * freedom, BY_CHANCE):
-        said.append(
+        advice.append(
             f"the log lies {np.sqrt(distance / freedom):.2g} times as far from the robot folder as its widths allow:"
             " diagnose it, and design with the updated folder"
         )
     p = len(design.start)
-    return learn_rows(own.start, rows, design.noise)[:p, :p], len(use), said
+    return learn_rows(own.start, rows, design.noise)[:p, :p], len(use), advice
 
 
 def parse_weights(text: str) -> tuple[float, ...]:

@@ -43,9 +43,9 @@ FLOOR = 0.05
 KINDS = {SOCKETS: CONTACT, GAUGE: READING}
 PLACES = {SOCKETS: 3, GAUGE: 6}
 #: Standard deviation of the distance of two sockets of a plate. [m] (assumed)
-SURE = 2e-5
+SOCKET_SIGMA = 2e-5
 #: Inverse kinematics: iterations, position tolerance [m], greatest joint step per iteration [rad or m].
-STEPS, MET, STEP = 15, 1e-9, 0.2
+STEPS, TIP_TOLERANCE, STEP = 15, 1e-9, 0.2
 #: Setup instruction of an instrument; {at} in the robot's base frame.
 SETUP = {
     SOCKETS: "socket {label} at ({at}) mm, fixed so that it does not move while its poses are measured",
@@ -64,7 +64,7 @@ class Candidates:
     tip: Array  #: Predicted tip. Shape (m, 3). [m]
     rotation: Array  #: Orientation of the TCP. Shape (m, 3, 3).
     slopes: Array  #: Derivative of the tip with respect to every parameter. Shape (m, 3, p).
-    sights: Observations | None = None  #: Observations of sockets or dial gauges; None for a tracker.
+    observations: Observations | None = None  #: Observations of sockets or dial gauges; None for a tracker.
 
     def __len__(self) -> int:
         return len(self.tip)
@@ -80,7 +80,7 @@ class Candidates:
         return self.log.q[1::2]
 
     @property
-    def rising(self) -> NDArray[np.bool_]:
+    def approach_positive(self) -> NDArray[np.bool_]:
         """Return whether all joints approach in positive direction. Shape (m,)."""
         return np.asarray((self.q > self.start).all(axis=1))
 
@@ -97,8 +97,8 @@ class Candidates:
     def take(self, rows: NDArray[np.int_]) -> Candidates:
         """Return the selected measurements."""
         log = self.log.take(np.stack([2 * rows, 2 * rows + 1], axis=1).ravel())
-        sights = None if self.sights is None else self.sights.take(rows)
-        return Candidates(log, self.tip[rows], self.rotation[rows], self.slopes[rows], sights)
+        observations = None if self.observations is None else self.observations.take(rows)
+        return Candidates(log, self.tip[rows], self.rotation[rows], self.slopes[rows], observations)
 
 
 def run_up(robot: Robot) -> Array:
@@ -168,12 +168,12 @@ def find_touching(
     q, label, names = [], [], list[str]()
     plates = instrument == SOCKETS and length > 0.0
 
-    def meet(centre: Array, number: int) -> list[Array]:
+    def reach_place(centre: Array, number: int) -> list[Array]:
         """Return the postures that reach the `number`-th place, or each socket of its plate."""
         nearest = np.argsort(np.linalg.norm(tip - centre, axis=1))[: max(len(postures) // 3, 12)]
         half, met = 0.5 * length * NORMALS[(number + 1) % 3], []
         for shift in (-half, half) if plates else (np.zeros(3),):
-            found = bring_tips(robot, postures[nearest], np.tile(centre + shift, (len(nearest), 1)))
+            found = solve_tips(robot, postures[nearest], np.tile(centre + shift, (len(nearest), 1)))
             high = locate_frames(build_chain(robot), found).tcp_position[:, 2] >= min(FLOOR, lowest)
             met.append(found[high if scene is None else high & (measure_margin(scene, found, 0.0) >= 0.0)])
         return met
@@ -189,7 +189,7 @@ def find_touching(
                 )
             at = _choose_place(offered, chosen, middle)
             centre, offered = offered[at], np.delete(offered, at, axis=0)
-            met = meet(centre, number)
+            met = reach_place(centre, number)
             most = max(most, fewest := min(map(len, met)))
             if fewest >= 3:
                 break
@@ -205,21 +205,21 @@ def find_touching(
     known = KnownDistances()
     if plates:
         pairs = np.arange(2 * places).reshape(-1, 2)
-        known = KnownDistances(pairs, np.full(places, length), np.full(places, SURE))
+        known = KnownDistances(pairs, np.full(places, length), np.full(places, SOCKET_SIGMA))
     kind = np.full(n, KINDS[instrument])
-    sights = Observations(kind, contact, tuple(names), np.zeros((n, 3)), direction, np.zeros(n), known)
-    return np.concatenate(q), sights
+    observations = Observations(kind, contact, tuple(names), np.zeros((n, 3)), direction, np.zeros(n), known)
+    return np.concatenate(q), observations
 
 
-def bring_tips(robot: Robot, q: Array, wanted: Array) -> Array:
+def solve_tips(robot: Robot, q: Array, target: Array) -> Array:
     """Move the tip to positions with least joint motion; return the postures within the limits. Shape (k, nq)."""
     chain, q = build_chain(robot), q.copy()
     for _ in range(STEPS):
         frames = locate_frames(chain, q)
-        away = wanted - frames.tcp_position
+        away = target - frames.tcp_position
         step = np.einsum("nij,nj->ni", np.linalg.pinv(joint_jacobian(chain, frames)[:, :3], rcond=1e-3), away)
         q = q + np.clip(step, -STEP, STEP)
-    good = np.linalg.norm(wanted - locate_frames(chain, q).tcp_position, axis=1) < MET
+    good = np.linalg.norm(target - locate_frames(chain, q).tcp_position, axis=1) < TIP_TOLERANCE
     edge = run_up(robot)
     return np.asarray(q[good & ((q > robot.lower + edge) & (q < robot.upper - edge)).all(axis=1)])
 
@@ -230,25 +230,25 @@ class Fixture:
 
     label: str
     place: Array
-    says: str
+    instruction: str
 
 
-def list_fixtures(instrument: str, sights: Observations | None, tip: Array) -> tuple[Fixture, ...]:
+def list_fixtures(instrument: str, observations: Observations | None, tip: Array) -> tuple[Fixture, ...]:
     """Return the location of the instrument of a campaign for each label.
 
-    sights: its observation in every pose, None for a tracker; tip: base frame, (m, 3). [m]
+    observations: its observation in every pose, None for a tracker; tip: base frame, (m, 3). [m]
     """
-    stands, names = [], () if sights is None else sights.names
+    fixtures, names = [], () if observations is None else observations.names
     for number, label in enumerate(names):
-        assert sights is not None
-        rows = np.flatnonzero(sights.contact == number)
+        assert observations is not None
+        rows = np.flatnonzero(observations.contact == number)
         place = tip[rows].mean(axis=0)
-        says = SETUP[instrument].format(
+        instruction = SETUP[instrument].format(
             at=", ".join(f"{1e3 * v:.0f}" for v in place + 0.0), label=label,
-            along=", ".join(f"{v:g}" for v in sights.direction[rows[0]]),
+            along=", ".join(f"{v:g}" for v in observations.direction[rows[0]]),
         )  # fmt: skip
-        stands.append(Fixture(label, place, says))
-    return tuple(stands)
+        fixtures.append(Fixture(label, place, instruction))
+    return tuple(fixtures)
 
 
 def _near(tip: Array, middle: Array) -> Array:
@@ -264,10 +264,10 @@ def _choose_place(offered: Array, chosen: Array, middle: Array) -> int:
     return int(np.linalg.norm(offered[:, None] - chosen, axis=2).min(axis=1).argmax())
 
 
-def observe_rows(rows: Array, sights: Observations, point: Array) -> Array:
+def observe_rows(rows: Array, observations: Observations, point: Array) -> Array:
     """Return the derivatives of observations by parameters, frames and c contact positions. Shape (m, 3, P + 3 c).
 
     rows: derivatives of the measured point, (m, 3, P); point: base frame, (m, 3). [m]
     """
-    places = -sights.place_slopes().reshape(len(rows), 3, -1)
-    return along(sights.directions(point, sights.start_places(point)), np.concatenate([rows, places], axis=2))
+    slopes, places = -observations.place_slopes().reshape(len(rows), 3, -1), observations.start_places(point)
+    return along(observations.directions(point, places), np.concatenate([rows, slopes], axis=2))

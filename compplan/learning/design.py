@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from compplan.learning.candidates import Candidates, observe_rows
 from compplan.measurement.distance import band_radius
 from compplan.measurement.observations import Observations
-from compplan.measurement.pose_selection import learn_rows, measure_gains, settle_choice, take_greedily, weight_rows
+from compplan.measurement.pose_selection import exchange_choice, learn_rows, measure_gains, take_greedily, weight_rows
 from compplan.planning.posture.clearance import measure_margin
 from compplan.planning.posture.collision_scene import CollisionScene
 from compplan.robot import Array, Robot
@@ -75,7 +75,7 @@ class Design:
         """Return the variance of one measurement per axis. [m^2]."""
         return pose_variance(self.known, self.sigma)
 
-    def rows(self, slopes: Array, tip: Array, rotation: Array, sights: Observations | None = None) -> Array:
+    def rows(self, slopes: Array, tip: Array, rotation: Array, observations: Observations | None = None) -> Array:
         """Return the derivatives of measurements by parameters, frames and contact positions. Shape (m, 3, p + f)."""
         parts = [slopes]
         if "base" in self.frames:
@@ -83,10 +83,10 @@ class Design:
         if "tool" in self.frames:
             parts.append(rotation)
         rows = np.concatenate(parts, axis=2)
-        return rows if sights is None else observe_rows(rows, sights, tip)
+        return rows if observations is None else observe_rows(rows, observations, tip)
 
     @cached_property
-    def beside(self) -> Array:
+    def remaining(self) -> Array:
         """Return the covariance of the tip by unexplained errors, repeatability, force. Shape (k, 3, 3). [m^2]."""
         parts = split_covariance(self.path, self.known)
         return parts["unexplained"] + parts["repeatability"] + parts["force"]
@@ -98,7 +98,7 @@ class Design:
 
     def band(self, covariance: Array) -> Array:
         """Return the 95 % band along the path with a covariance of the state. Shape (k,). [m]."""
-        return band_radius(self.model(covariance) + self.beside)
+        return band_radius(self.model(covariance) + self.remaining)
 
     def model_band(self, covariance: Array) -> float:
         """Return the root mean square along the path of the band due to parameters alone. [m]"""
@@ -134,24 +134,24 @@ def choose_measurements(design: Design, candidates: Candidates, count: int, star
     start: covariance before the first measurement; by default that of `design`.
     """
     before = design.start if start is None else start
-    rows = design.rows(candidates.slopes, candidates.tip, candidates.rotation, candidates.sights)
-    first = first_visits(candidates)
+    rows = design.rows(candidates.slopes, candidates.tip, candidates.rotation, candidates.observations)
+    first = locating_rows(candidates)
     weight = design.target.T @ design.target
     worth = weight_rows(
         lambda mean, covariance, rows: measure_gains(covariance, rows, weight, design.noise),
         learn_rows(before, rows[first], design.noise), rows, design.noise,
     )  # fmt: skip
-    chosen = settle_choice(worth, take_greedily(worth, count - len(first)))
-    return grade_choice(design, rows, [*first, *(number for number, _ in chosen)], before)
+    chosen = exchange_choice(worth, take_greedily(worth, count - len(first)))
+    return evaluate_choice(design, rows, [*first, *(number for number, _ in chosen)], before)
 
 
-def first_visits(candidates: Candidates) -> list[int]:
+def locating_rows(candidates: Candidates) -> list[int]:
     """Return the row of the first visit to every unknown place: it locates the place; later visits measure the arm."""
-    sights = candidates.sights
-    return [] if sights is None else np.unique(sights.contact, return_index=True)[1].tolist()
+    observations = candidates.observations
+    return [] if observations is None else np.unique(observations.contact, return_index=True)[1].tolist()
 
 
-def grade_choice(design: Design, rows: Array, chosen: Sequence[int], before: Array) -> Choice:
+def evaluate_choice(design: Design, rows: Array, chosen: Sequence[int], before: Array) -> Choice:
     """Compute the band along the path after 0, 1, 2 ... of the chosen measurements."""
     covariance, bands = before, [design.band(before)]
     for number in chosen:

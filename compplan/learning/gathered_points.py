@@ -22,7 +22,7 @@ USUAL = 0.9
 #: Scan points of one row that count as independent, at most (assumed: the errors of an instrument are smooth).
 ALONE = 10.0
 #: Singular values of shift and turn below this share of the largest are not observable (rounding).
-TOLD = 1e-6
+OBSERVABLE = 1e-6
 #: A rigid motion is not observable if the measured directions contain less than this share of it, such as the turn
 #: about the axis of a circle that was probed radially (assumed: measuring directions are known to a degree).
 ACROSS = 0.02
@@ -105,7 +105,7 @@ def describe_whole(gathered: Gathered, tip: Array, R_base_part: Array, expected:
     left, value, right = np.linalg.svd(matrix / sigma[:, None], full_matrices=False)
     shares = left.T @ (seen / sigma)  # each of variance 1
     across, moved = (np.linalg.norm(part @ right.T, axis=0) for part in (matrix, rigid.reshape(-1, 6)))
-    clear = (np.abs(shares) > CLEAR) & (value > TOLD * value.max(initial=0.0)) & (across > ACROSS * moved)
+    clear = (np.abs(shares) > CLEAR) & (value > OBSERVABLE * value.max(initial=0.0)) & (across > ACROSS * moved)
     motion = right[clear].T @ (shares[clear] / value[clear])
     rest = seen - matrix @ motion
     taken = 1.0 - float(rest @ rest) / max(float(seen @ seen), 1e-300)
@@ -113,8 +113,8 @@ def describe_whole(gathered: Gathered, tip: Array, R_base_part: Array, expected:
         return "", False
     usual = np.einsum("oc,op,pc->c", left, expected / np.outer(sigma, sigma), left)
     where = ", ".join(f"{round(1e3 * value, 6):.2g}" for value in motion[:3] @ R_base_part)
-    said = (
+    text = (
         f"{taken:.0%} of what was measured is a shift of the whole part by [{where}] mm (its middle, part axes) and a"
         f" turn of {round(float(np.degrees(np.linalg.norm(motion[3:]))) / size, 6):.2g} deg"
     )
-    return said, bool((np.abs(shares[clear]) > CLEAR * np.sqrt(usual[clear])).any())
+    return text, bool((np.abs(shares[clear]) > CLEAR * np.sqrt(usual[clear])).any())

@@ -66,7 +66,7 @@ class MeasuredPath:
 
 def match_points(
     table: Table, nominal: Toolpath, T_base_part: Array, *, in_base: bool, align: str = "datum",
-    sigma: float | None = None, sure: bool = False, surface: Surface | None = None,
+    sigma: float | None = None, accept_implausible: bool = False, surface: Surface | None = None,
 ) -> MeasuredPath:  # fmt: skip
     """Match measured points (`read_measured_points`) with the nominal path, base frame.
 
@@ -95,12 +95,12 @@ def match_points(
         )
     distance = np.linalg.norm(deviation, axis=1)
     wide, whole = (np.ptp(np.quantile(part, (0.05, 0.95), axis=0), axis=0).max() for part in (given, nominal.position))
-    if not sure and wide < SPOT * whole:
+    if not accept_implausible and wide < SPOT * whole:
         raise table.error(
             f"the points extend over {wide * 1e3:.3g} mm and the path over {whole * 1e3:.3g} mm, are they in metres or"
             " inches, not in mm? --assume-ok learns them as they are"
         )
-    strange = not scanned and not sure and float((distance > FARTHEST).mean()) > MOST_OUT
+    strange = not scanned and not accept_implausible and float((distance > FARTHEST).mean()) > MOST_OUT
     if good.sum() < FEWEST or strange:
         raise table.error(
             f"{int(good.sum())} of {len(point)} points are of the cut, expected at least {FEWEST} and half of all"
@@ -137,10 +137,10 @@ def _place_points(
     motion, left = fit_rigid(point, normal, nominal, FARTHEST, surface)
     if not np.isfinite(left):
         return point, normal, None, ()
-    said = f"best fit: the points were moved by {describe_motion(motion, point.mean(axis=0))}"
+    text = f"best fit: the points were moved by {describe_motion(motion, point.mean(axis=0))}"
     turned = None if normal is None else normal @ motion[:3, :3].T
     moved = point @ motion[:3, :3].T + motion[:3, 3]
-    return moved, turned, motion, (f"{said}; a shift or turn of the whole part is then ignored",)
+    return moved, turned, motion, (f"{text}; a shift or turn of the whole part is then ignored",)
 
 
 def reach_of(process: object) -> float:
@@ -171,13 +171,13 @@ def _describe_left_out(table: Table, good: NDArray[np.bool_]) -> list[str]:
     out = int((~good).sum())
     if not out:
         return []
-    said = f"{out} of {len(good)} measured points are not of the cut, or two stretches claim them: left out"
+    text = f"{out} of {len(good)} measured points are not of the cut, or two stretches claim them: left out"
     if "s" in table or out < STRANGE * len(good):
-        return [said]
+        return [text]
     help_ = "the stretches lie too close for parts so far off; state s_mm, the length of the path at each point"
     if out > MOST_OUT * len(good):
-        raise table.error(f"{said}; {help_}")
-    return [f"{said}; where {help_}"]
+        raise table.error(f"{text}; {help_}")
+    return [f"{text}; where {help_}"]
 
 
 def _at_lengths(
@@ -186,11 +186,11 @@ def _at_lengths(
     """Compare points with the path at stated arc lengths, along their normals if given."""
     arc = nominal.arc_length
     stated, length = length, np.clip(length, 0.0, arc[-1])
-    wanted = np.stack([np.interp(length, arc, nominal.position[:, k]) for k in range(3)], axis=1)
+    expected = np.stack([np.interp(length, arc, nominal.position[:, k]) for k in range(3)], axis=1)
     row = np.clip(np.searchsorted(arc, length), 1, len(arc) - 1)
     along = (nominal.position[row] - nominal.position[row - 1]) / np.maximum(arc[row] - arc[row - 1], 1e-12)[:, None]
     beyond = stated - length  # a part is slightly longer or shorter than the path: its ends are extended straight
-    deviation = point - wanted - beyond[:, None] * along
+    deviation = point - expected - beyond[:, None] * along
     near = (np.abs(beyond) <= BEYOND) & (np.linalg.norm(deviation, axis=1) <= FARTHEST)
     good = near & ~nominal.rapid[row]
     if normal is None:

@@ -57,8 +57,8 @@ class UpdateState:
     force: Array  #: Posterior mean of the shares of the force: level and turns, in standard deviations. Shape (4,).
     force_covariance: Array  #: Posterior covariance of the shares. Shape (4, 4).
     cross: Array  #: Posterior covariance of parameters and shares. Shape (p, 4). [SI]
-    own: Array  #: Posterior mean of the part-specific terms, the columns of `Own.part`. Shape (m,).
-    own_spread: float  #: Posterior deviation of level plus part-specific force, in prior deviations of the level.
+    own: Array  #: Posterior mean of the part-specific terms, the columns of `PartTerms.part`. Shape (m,).
+    part_spread: float  #: Posterior deviation of level plus part-specific force, in prior deviations of the level.
     covariance: Array  #: Posterior covariance of the parameters. Shape (p, p).
     physics: Array  #: Motion of the tip due to the parameters. Shape (k, 3). [m]
     pushed: Array  #: Motion of the tip due to the force. Shape (k, 3). [m]
@@ -90,7 +90,7 @@ class ModelUpdate(UpdateState):
 
 
 @dataclass(frozen=True, eq=False)
-class Own:
+class PartTerms:
     """Part-specific deviations along the path, as columns of one standard deviation each; k rows."""
 
     part: Array  #: Of the measured part: force first, then clamping and temperature. Shape (k, 3, m). [m]
@@ -104,7 +104,7 @@ class UpdateModel:
 
     slopes: Slopes
     known: Uncertainty
-    own: Own
+    own: PartTerms
     size: float
     scale: float
 
@@ -119,7 +119,7 @@ class UpdateModel:
         return columns, force, field + near * np.outer(local, local)
 
 
-def expect_deviations(slopes: Slopes, known: Uncertainty, gathered: Gathered, own: Own) -> Array:
+def expect_deviations(slopes: Slopes, known: Uncertainty, gathered: Gathered, own: PartTerms) -> Array:
     """Return the prior covariance of the points: robot, force, clamping, instrument. Shape (3 b, 3 b). [m^2]"""
     k, b = len(slopes.rows), len(gathered.row)
     prior = prior_of(UpdateModel(slopes, known, own, max(LEAST, known.smooth), known.scale))
@@ -132,14 +132,14 @@ def expect_deviations(slopes: Slopes, known: Uncertainty, gathered: Gathered, ow
 
 
 def learn_part(
-    slopes: Slopes, known: Uncertainty, gathered: Gathered, exact: Exact, own: Own, least_size: float | None = None
+    slopes: Slopes, known: Uncertainty, gathered: Gathered, exact: Exact, own: PartTerms, min_size: float | None = None
 ) -> ModelUpdate:
     """Compute the model update from a cut part by iterated linearisation.
 
-    slopes: linearised path as it was cut; exact: nonlinear motion of the tip due to parameters and force; least_size:
+    slopes: linearised path as it was cut; exact: nonlinear motion of the tip due to parameters and force; min_size:
     standard deviation per axis of the residual after an earlier update [m], or None.
     """
-    width = max(known.smooth, LEAST) if least_size is None else least_size
+    width = max(known.smooth, LEAST) if min_size is None else min_size
     _, model = choose_model(UpdateModel(slopes, known, own, width, known.scale), gathered)
     seen = np.sqrt(np.mean(np.sum(gathered.deviation**2, axis=1)))
     plain, state = gathered, condition(model, gathered)
@@ -218,7 +218,7 @@ def condition(model: UpdateModel, gathered: Gathered) -> UpdateState:
         force_covariance=shares @ left @ shares.T,
         cross=root @ (left @ shares.T)[:p],
         own=own_columns.T @ weight,
-        own_spread=float(np.sqrt(max(whole @ left @ whole, 0.0))),
+        part_spread=float(np.sqrt(max(whole @ left @ whole, 0.0))),
         covariance=root @ left[:p, :p] @ root.T,
         physics=model.slopes.model @ values,
         pushed=model.slopes.shared @ share,

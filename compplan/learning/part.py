@@ -20,7 +20,7 @@ from compplan.learning.gathered_points import Gathered, describe_whole, gather_p
 from compplan.learning.measured_path import MeasuredPath, match_points
 from compplan.learning.model_update import ModelUpdate, expect_deviations, learn_part, prior_of, take_blocks
 from compplan.learning.representable import Learned, Residual, list_learned, read_residual, residual_file
-from compplan.learning.transfer import Others, Transfer, state_own, transfer_nothing, transfer_to_paths
+from compplan.learning.transfer import Transfer, TransferResult, build_part_terms, transfer_nothing, transfer_to_paths
 from compplan.measurement.distance import band_radius
 from compplan.measurement.part_points import Surface, read_measured_points
 from compplan.planning.checks import state_notes
@@ -48,7 +48,7 @@ from compplan.uncertainty.sensitivities import (
     tip_of,
     vary_model,
 )
-from compplan.uncertainty.touch_off import TouchedPart, is_lasting, stage_touch
+from compplan.uncertainty.touch_off import TouchedPart, build_touch_model, is_lasting
 
 #: Greatest number of places along the path of a residual.
 MOST_PLACES = 5000
@@ -69,7 +69,7 @@ class LearnedPart(Shown):
 
     job: Job  #: The job.
     robot: Robot  #: The robot of the folder before.
-    taught: Robot  #: The updated robot.
+    updated: Robot  #: The updated robot.
     model_update: ModelUpdate  #: Force, robot and residual learned from the part.
     measured: MeasuredPath  #: The measured points.
     path: Toolpath  #: The nominal path, base frame.
@@ -80,11 +80,11 @@ class LearnedPart(Shown):
     residual: Residual | None  #: Deviation beyond the robot model that the next program subtracts; None: none.
     learned: tuple[Learned, ...]  #: Parameters with the greatest changes relative to their standard deviations.
     notes: tuple[str, ...]  #: Notes for the user, one sentence each.
-    travel: Transfer  #: Learned parameters that transfer to other paths.
+    transfer: Transfer  #: Learned parameters that transfer to other paths.
     force: LearnedForce | None  #: Learned force of the process, or None.
 
     @property
-    def wanted(self) -> Array:
+    def nominal(self) -> Array:
         """Return the nominal tip at the waypoints of the next program, nothing subtracted. Shape (n, 3). [m]."""
         task = self.after.task
         length = np.interp(task.origin, np.arange(len(self.path)), self.path.arc_length)
@@ -140,17 +140,17 @@ class CutPath:
         position = tip_of(apply_wrench_to_model(varied, force, self.force), rows)
         if self.touched is None:
             return position
-        touch = stage_touch(self.touched)
+        touch = build_touch_model(self.touched)
         every = np.arange(len(self.touched.q))
         moved = tip_of(vary_model(touch, self.known.unknowns, values * is_lasting(self.known.unknowns)), every)
         return see_position(position, fit_displacement(tip_of(touch, every), moved))
 
 
-def linearise_cut(before: Plan, wanted: Toolpath, force: ForceSpread) -> CutPath:
-    """Linearise a path as it was cut, from its plan; wanted: the nominal path, base frame."""
+def linearise_cut(before: Plan, nominal: Toolpath, force: ForceSpread) -> CutPath:
+    """Linearise a path as it was cut, from its plan; nominal: the nominal path, base frame."""
     known, task = robot_uncertainty(before.robot), before.task
     scene = build_path_model(before.robot, before.q, task.wrench, task.step_time)
-    length = np.interp(task.origin, np.arange(len(wanted)), wanted.arc_length)
+    length = np.interp(task.origin, np.arange(len(nominal)), nominal.arc_length)
     slopes = linearise_path(scene, known, force, task.cut, touched=task.touched)
     return CutPath(scene, known, force, slopes, length, task.touched)
 
@@ -182,58 +182,58 @@ def learn_from_part(
     old = read_residual(residual_file(robot, job), robot)
     job = job.with_context(force=(read_learned_force(robot.folder, job.process),))
     announce("the plan that was cut")
-    wanted, before = plan_learned(job, robot, old)
+    nominal, before = plan_learned(job, robot, old)
     matched = match_points(
-        points, wanted, job.T_base_part, in_base=in_base, align=align or "datum", sigma=sigma, sure=sure,
+        points, nominal, job.T_base_part, in_base=in_base, align=align or "datum", sigma=sigma, accept_implausible=sure,
         surface=surface,
     )  # fmt: skip
     announce("what the part teaches")
     whole = read_force_spread(job)
-    cut = linearise_cut(before, wanted, whole.of_all())
+    cut = linearise_cut(before, nominal, whole.of_all())
     slopes, known, length = cut.slopes, cut.known, cut.length[cut.slopes.rows]
     gathered, fitted = gather_points(matched, length), matched.motion is not None
-    own = state_own(job.noise, job.T_base_part[:3, 3], slopes, whole, fitted=fitted)
+    own = build_part_terms(job.noise, job.T_base_part[:3, 3], slopes, whole, fitted=fitted)
     expected = expect_deviations(slopes, known, gathered, own)
     if not sure:
         band = band_radius(take_blocks(expected, len(gathered.row)))
-        ask_possible(points, gathered, band)
+        check_plausible(points, gathered, band)
     allowed = old is not None or align == "best_fit" or read_placement(job.noise) is not None
-    stood, beyond = ("", False) if allowed else describe_whole(gathered, slopes.tip, job.T_base_part[:3, :3], expected)
+    rigid, beyond = ("", False) if allowed else describe_whole(gathered, slopes.tip, job.T_base_part[:3, :3], expected)
     if beyond and align is None and not sure:
-        raise points.error(f"{stood}; was the part there? {WHOLE_PART}")
+        raise points.error(f"{rigid}; was the part there? {WHOLE_PART}")
     model_update = learn_part(slopes, known, gathered, cut.exact, own, None if old is None else old.typical)
-    told = model_update.taken
-    transfer = partial(transfer_to_paths, known=known, spread=whole) if told else transfer_nothing
+    taken = model_update.taken
+    transfer = partial(transfer_to_paths, known=known, spread=whole) if taken else transfer_nothing
     others = transfer(job, robot, model_update)
     residual = old
-    if told:
+    if taken:
         residual, model_update = add_residual(old, model_update, cut, before.task, others)
     announce("the plan that follows")
     job = job.with_context(force=(others.force,))
-    after = plan_learned(job, others.robot, residual)[1] if told else before
+    after = plan_learned(job, others.robot, residual)[1] if taken else before
     after = with_band(after, model_update, slopes, known) if residual is not None else after
     return LearnedPart(
-        job, robot, others.robot, model_update, matched, wanted, slopes, length, before, after,
+        job, robot, others.robot, model_update, matched, nominal, slopes, length, before, after,
         residual, tuple(list_learned(known, model_update.values, others.held)),
-        _list_notes(model_update, others.travel, matched, wanted, stood), others.travel, others.force,
+        _list_notes(model_update, others.transfer, matched, nominal, rigid), others.transfer, others.force,
     )  # fmt: skip
 
 
 def _list_notes(
-    model_update: ModelUpdate, travel: Transfer, matched: MeasuredPath, wanted: Toolpath, stood: str
+    model_update: ModelUpdate, transfer: Transfer, matched: MeasuredPath, nominal: Toolpath, rigid: str
 ) -> tuple[str, ...]:
     """Return the notes of an update: reason, transfer, points left out, and long moves."""
     if not model_update.taken:
         return (model_update.reason, *matched.notes)
-    whole = [f"{stood}: learned as an error of the robot"] if stood else []
-    longest = float(wanted.steps[~wanted.rapid[1:]].max(initial=0.0))
+    whole = [f"{rigid}: learned as an error of the robot"] if rigid else []
+    longest = float(nominal.steps[~nominal.rapid[1:]].max(initial=0.0))
     coarse = f"moves longer than {LONG_MOVE * 1e3:g} mm are corrected at their ends only; sample them finer"
     return (
-        model_update.reason, travel.reason, *whole, *matched.notes, *([coarse] if longest > LONG_MOVE else []),
+        model_update.reason, transfer.reason, *whole, *matched.notes, *([coarse] if longest > LONG_MOVE else []),
     )  # fmt: skip
 
 
-def ask_possible(points: Table, gathered: Gathered, band: Array) -> None:
+def check_plausible(points: Table, gathered: Gathered, band: Array) -> None:
     """Check that the points lie within a multiple of the band due to robot, force, clamping and instrument.
 
     Raises:
@@ -257,8 +257,8 @@ def plan_learned(job: Job, robot: Robot, residual: Residual | None) -> tuple[Too
     plan = replace(plan_task(task, options.strategy, name=name, feed=options.feed, output=job.output), job=job)
     if residual is not None:
         most = float(np.linalg.norm(residual.deviation, axis=1).max(initial=0.0)) * 1e3
-        said = f"the path is shifted by up to {most:.3g} mm as learned from cut parts; deviations count from there"
-        plan = plan.add_checks(state_notes([said]), first=True)
+        note = f"the path is shifted by up to {most:.3g} mm as learned from cut parts; deviations count from there"
+        plan = plan.add_checks(state_notes([note]), first=True)
     return nominal, plan
 
 
@@ -270,10 +270,10 @@ def build_learned(job: Job, robot: Robot, residual: Residual | None) -> tuple[To
     _, nominal, options = prepare_job(job)
     mounted = robot if job.tool is None else job.tool.mount(robot)
     options = replace(options, lock=options.lock or read_lock(job, mounted))
-    aimed = nominal
+    target = nominal
     if residual is not None:
-        aimed = replace(nominal, position=nominal.position - residual.at(nominal.arc_length))
-    task = build_task(mounted, aimed, options, file=job.file)
+        target = replace(nominal, position=nominal.position - residual.at(nominal.arc_length))
+    task = build_task(mounted, target, options, file=job.file)
     if residual is not None:
         task = keep_posture(task, residual, np.interp(task.origin, np.arange(len(nominal)), nominal.arc_length))
     return nominal, task, options
@@ -294,7 +294,7 @@ def keep_posture(task: PlanTask, residual: Residual, length: Array) -> PlanTask:
 
 
 def add_residual(
-    old: Residual | None, model_update: ModelUpdate, cut: CutPath, task: PlanTask, others: Others
+    old: Residual | None, model_update: ModelUpdate, cut: CutPath, task: PlanTask, others: TransferResult
 ) -> tuple[Residual, ModelUpdate]:
     """Add to the residual of a path: the deviation by the update minus that by the transferred robot and force.
 

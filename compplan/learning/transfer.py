@@ -17,7 +17,7 @@ from compplan.job.job import Job
 from compplan.job.loading import find_learned_force
 from compplan.job.noise import EXPANSION, NoiseTable
 from compplan.learning.gathered_points import Gathered
-from compplan.learning.model_update import ModelUpdate, Own, UpdateModel, learn_without
+from compplan.learning.model_update import ModelUpdate, PartTerms, UpdateModel, learn_without
 from compplan.learning.representable import apply_update
 from compplan.process.learned_force import LearnedForce, LearnedPartTable, add_part, find_axes
 from compplan.robot import Array, Robot
@@ -67,30 +67,30 @@ def choose_transfer(model: UpdateModel, gathered: Gathered, *, learned: bool = F
     force = pushes and bool(rms[1] < (1.0 / FORCE if learned else FORCE) * rms[0])
     robot = bool(rms[2] < ROBOT * min(rms[0], rms[1]))
     names = ("nothing", "the force", "both")
-    said = ", ".join(f"{1e3 * value:.3g} mm with {name}" for value, name in zip(rms, names, strict=True))
-    told = "force and robot" if robot and pushes else "the robot" if robot else "the force" if force else "nothing"
-    reason = f"transferred to other paths: {told}; error on left-out stretches of the part: {said}"
+    errors = ", ".join(f"{1e3 * value:.3g} mm with {name}" for value, name in zip(rms, names, strict=True))
+    chosen = "force and robot" if robot and pushes else "the robot" if robot else "the force" if force else "nothing"
+    reason = f"transferred to other paths: {chosen}; error on left-out stretches of the part: {errors}"
     return Transfer(force or (robot and pushes), robot, reason, (float(rms[0]), float(rms[1]), float(rms[2])))
 
 
-def state_own(noise: NoiseTable, origin: Array, slopes: Slopes, spread: ForceSpread, *, fitted: bool) -> Own:
+def build_part_terms(
+    noise: NoiseTable, origin: Array, slopes: Slopes, spread: ForceSpread, *, fitted: bool
+) -> PartTerms:
     """Build the part-specific terms of the measured and the next part: force, clamping, temperature of the arm.
 
-    noise: [noise] of the job; origin: of the part frame, (3,) [m]; fitted: whether a best fit removed the rigid motion
-    of the measured part.
+    noise: [noise] of the job; origin: of the part frame, (3,) [m]; fitted: whether a best fit moved the measured part.
     """
     placed, tip = read_placement(noise), slopes.tip
     ratio = spread.scatter / spread.common if spread.common > 0.0 else 0.0
     force = ratio * slopes.shared[:, :, :1]
-    clamped = np.zeros((len(tip), 3, 0)) if placed is None else shift_part(tip, origin, placed)
-    moved = clamped
+    moved = clamped = np.zeros((len(tip), 3, 0)) if placed is None else shift_part(tip, origin, placed)
     if fitted:
         free = FITTED, FITTED / max(float(np.ptp(tip, axis=0).max()), 1e-3)
         moved = rigid_columns(tip, tip.mean(axis=0)) * np.repeat(free, 3)
     warm = noise.temperature_K * EXPANSION if "temperature_K" in noise.model_fields_set else 0.0
     heat = warm * tip[:, :, None] if warm > 0.0 else np.zeros((len(tip), 3, 0))
     part, following = (np.concatenate([force, place, heat], axis=2) for place in (moved, clamped))
-    return Own(part, following, ratio)
+    return PartTerms(part, following, ratio)
 
 
 def learn_force(
@@ -108,21 +108,21 @@ def learn_force(
     uncertainty of the force; R_base_part: part axes in the base frame, (3, 3); kept: parameters that the robot folder
     receives, too, (p,).
     """
-    axes, told = find_axes(process), model_update.force.copy()
+    axes, shares = find_axes(process), model_update.force.copy()
     scale = 1.0 if old is None else old.level
     common, width = spread.common, np.sqrt(np.maximum(np.diag(model_update.force_covariance), 0.0))
-    level = scale * (1.0 + common * float(told[0]))
-    turn = spread.direction * told[1:]
+    level = scale * (1.0 + common * float(shares[0]))
+    turn = spread.direction * shares[1:]
     if not axes:
-        told[1:] = 0.0
+        shares[1:] = 0.0
     sigma = float(spread.direction * np.sqrt(np.mean(width[1:] ** 2))) if axes else None
     before = np.zeros(3) if old is None else old.turn
     axis = R_base_part if axes == "part" else np.eye(3)
     local = axis.T @ turn
-    own = scale * (1.0 + common * float(told[0] + model_update.model.own.ratio * model_update.own[0]))
+    own = scale * (1.0 + common * float(shares[0] + model_update.model.own.ratio * model_update.own[0]))
     part = LearnedPartTable(
         date=datetime.datetime.now(tz=datetime.UTC).date(), job=job, level=max(own, 1e-3),
-        sigma=scale * common * model_update.own_spread,
+        sigma=scale * common * model_update.part_spread,
     )  # fmt: skip
     parts = () if old is None or not old.same else old.parts
     cross = model_update.cross[kept]
@@ -132,43 +132,43 @@ def learn_force(
         spread.scatter, parts, axes, robot=robot,
     )  # fmt: skip
     known = add_part(known, part)
-    told[0] = (known.level / scale - 1.0) / common if common > 0.0 else 0.0
-    return known, told
+    shares[0] = (known.level / scale - 1.0) / common if common > 0.0 else 0.0
+    return known, shares
 
 
-class Others(NamedTuple):
+class TransferResult(NamedTuple):
     """Transfer to other paths: selection, robot, represented part of each parameter, force, and its shares.
 
     `held` has shape (p,) [SI], `shares` (4,).
     """
 
-    travel: Transfer
+    transfer: Transfer
     robot: Robot
     held: Array
     force: LearnedForce | None
     shares: Array
 
 
-def transfer_nothing(job: Job, robot: Robot, model_update: ModelUpdate) -> Others:
+def transfer_nothing(job: Job, robot: Robot, model_update: ModelUpdate) -> TransferResult:
     """Return the transfer without learned parameters."""
-    travel = Transfer(False, False, "nothing is transferred to other paths", (np.inf,) * 3)
-    return Others(travel, robot, np.zeros(len(model_update.values)), find_learned_force(job), np.zeros(4))
+    transfer = Transfer(False, False, "nothing is transferred to other paths", (np.inf,) * 3)
+    return TransferResult(transfer, robot, np.zeros(len(model_update.values)), find_learned_force(job), np.zeros(4))
 
 
 def transfer_to_paths(
     job: Job, robot: Robot, model_update: ModelUpdate, known: Uncertainty, spread: ForceSpread
-) -> Others:
+) -> TransferResult:
     """Transfer force and robot parameters to other paths as far as cross-validation supports them."""
-    told = transfer_nothing(job, robot, model_update)
-    travel = choose_transfer(model_update.model, model_update.gathered, learned=told.force is not None)
-    told = told._replace(travel=travel)
+    result = transfer_nothing(job, robot, model_update)
+    transfer = choose_transfer(model_update.model, model_update.gathered, learned=result.force is not None)
+    result = result._replace(transfer=transfer)
     own_tool = job.tool is None
-    if travel.force:
+    if transfer.force:
         name, turn = job.name or job.file.stem, job.T_base_part[:3, :3]
-        keep = [(own_tool or u.effect != "tool_frame") and travel.robot for u in known.unknowns for _ in u.keys]
-        force, shares = learn_force(model_update, spread, told.force, job.process, turn, name, np.array(keep, bool))
-        told = told._replace(force=force, shares=shares)
-    if travel.robot:
-        taught, held = apply_update(robot, known, model_update.values, model_update.covariance, own_tool=own_tool)
-        told = told._replace(robot=taught, held=held)
-    return told
+        keep = [(own_tool or u.effect != "tool_frame") and transfer.robot for u in known.unknowns for _ in u.keys]
+        force, shares = learn_force(model_update, spread, result.force, job.process, turn, name, np.array(keep, bool))
+        result = result._replace(force=force, shares=shares)
+    if transfer.robot:
+        updated, held = apply_update(robot, known, model_update.values, model_update.covariance, own_tool=own_tool)
+        result = result._replace(robot=updated, held=held)
+    return result

@@ -72,7 +72,7 @@ class Campaign(Shown):
     moved: Array | None = None
     scatter: float = 0.0  #: Standard deviation of a single position per axis in a pooled log; otherwise 0. [m]
     #: Observations in rows without a position (contacts, readings, ball bar), or None.
-    sights: Observations | None = None
+    observations: Observations | None = None
 
     def __len__(self) -> int:
         return len(self.q)
@@ -129,8 +129,8 @@ class Campaign(Shown):
     @cached_property
     def usable(self) -> NDArray[np.bool_]:
         """Return which rows have joints, load, and a position or another observation. Shape (n,)."""
-        joints, load = (np.isfinite(part).all(axis=1) for part in (self.q, self.wrench))
-        return np.asarray(joints & load & (self.measured if self.sights is None else self.measured | self.sights.seen))
+        located = self.measured if self.observations is None else self.measured | self.observations.observed
+        return np.asarray(located & np.isfinite(self.q).all(axis=1) & np.isfinite(self.wrench).all(axis=1))
 
     @cached_property
     def measured(self) -> NDArray[np.bool_]:
@@ -138,11 +138,11 @@ class Campaign(Shown):
         return np.asarray(np.isfinite(self.position).all(axis=1))
 
     @cached_property
-    def adrift(self) -> bool:
+    def free_base(self) -> bool:
         """Return whether all observations refer to unknown contact positions: equivalent to an unknown base frame."""
-        if self.sights is None or self.measured.any():
+        if self.observations is None or self.measured.any():
             return False
-        return bool((self.sights.contact[self.sights.seen] >= 0).all())
+        return bool((self.observations.contact[self.observations.observed] >= 0).all())
 
     @cached_property
     def load_scale(self) -> float:
@@ -266,7 +266,7 @@ class Campaign(Shown):
         ):  # fmt: skip
             value = getattr(self, name)
             fields[name] = None if value is None else value[rows]
-        return replace(self, **fields, sights=None if self.sights is None else self.sights.take(rows))
+        return replace(self, **fields, observations=None if self.observations is None else self.observations.take(rows))
 
 
 def make_log(

@@ -73,7 +73,7 @@ def check_campaign(campaign: Campaign, robot: Robot, table: Table) -> Campaign:
             q=np.where(bad[:, None], _before(campaign.q, bad), campaign.q),
             wrench=np.where(bad[:, None], 0.0, campaign.wrench),
             position=np.where(bad[:, None], np.nan, campaign.position),
-            sights=None if campaign.sights is None else campaign.sights.without(bad),
+            observations=None if campaign.observations is None else campaign.observations.without(bad),
         )
     _check_motion(campaign, table)
     return replace(campaign, notes=tuple(notes))

@@ -19,22 +19,22 @@ from compplan.robot import Array
 TURNS: tuple[str, ...] = ("tx", "ty", "tz", "rx", "ry", "rz")
 STEPS = 60
 #: Fewest rows that determine a frame, and extent below which positions are equal. [m]
-LEAST_ROWS, STANDING = 3, 1e-6
+LEAST_ROWS, SAME_PLACE = 3, 1e-6
 #: Step size of convergence. [m or rad]
-SETTLED = 1e-10
+CONVERGED = 1e-10
 #: Weight of an orientation residual relative to a position residual. [m/rad]
 ANGLE_WEIGHT = 0.5
 
 
 def frame_columns(
     frames: Registration, position: Array, tcp_rotation: Array, target: NDArray[np.int_], turned: bool,
-    sights: Observations | None = None,
+    observations: Observations | None = None,
 ) -> list[Array]:  # fmt: skip
     """Differentiate measured poses by the fitted frames, in the order of `move_frames`. Shapes (n, 6, 3 or 6).
 
     position: predicted measured points, measuring frame, (n, 3) [m]; tcp_rotation: base axes, (n, 3, 3); target: index
-    of the measured point, (n,); turned: whether orientation is measured, otherwise a tool is a point; sights: other
-    observations, which depend on contact positions and not on the base of a tracker.
+    of the measured point, (n,); turned: whether orientation is measured, otherwise a tool is a point; observations: of
+    other instruments, which depend on contact positions and not on the base of a tracker.
     """
     n, parts = len(position), []
     if "base" in frames.parts:
@@ -43,8 +43,8 @@ def frame_columns(
         lever = position - frames.base[:3, 3]
         for axis, unit in enumerate(np.eye(3)):
             base[:, :3, 3 + axis] = np.cross(unit, lever)
-        if sights is not None:
-            base[sights.seen] = 0.0
+        if observations is not None:
+            base[observations.observed] = 0.0
         parts.append(base)
     if "tool" in frames.parts:
         size = 6 if turned else 3
@@ -56,8 +56,8 @@ def frame_columns(
             if size == 6:
                 tool[own, 3:, 3:] = axes[own]
             parts.append(tool)
-    if CONTACTS in frames.parts and sights is not None:
-        slopes = -np.einsum("ij,njlk->nilk", frames.base[:3, :3], sights.place_slopes()).reshape(n, 3, -1)
+    if CONTACTS in frames.parts and observations is not None:
+        slopes = -np.einsum("ij,njlk->nilk", frames.base[:3, :3], observations.place_slopes()).reshape(n, 3, -1)
         parts.append(np.concatenate([slopes, np.zeros_like(slopes)], axis=1))
     return parts
 
@@ -125,15 +125,15 @@ def fit_registration(
     log, p, R = campaign.take(index), position[index], rotation[index]
     if "base" in parts:
         registration = replace(registration, base=_start_base(log, p, R))
-    if campaign.sights is not None:
+    if campaign.observations is not None:
         tool = registration.tool[campaign.target_index, :3, 3]
         point = np.where(campaign.usable[:, None], position + np.einsum("nij,nj->ni", rotation, tool), np.nan)
-        places = campaign.sights.start_places(point)
-        registration = replace(registration, contacts=campaign.sights.names, places=places)
+        places = campaign.observations.start_places(point)
+        registration = replace(registration, contacts=campaign.observations.names, places=places)
     for _ in range(STEPS):
         step = _step(log, p, R, registration)
         registration = move_frames(registration, step, log.rotation is not None)
-        if np.abs(step).max(initial=0.0) < SETTLED:
+        if np.abs(step).max(initial=0.0) < CONVERGED:
             break
     return registration
 
@@ -147,7 +147,7 @@ def _check_rows(campaign: Campaign, position: Array, count: int, parts: Sequence
         raise InputError(message, file=campaign.file)
     measured = campaign.position[campaign.usable & campaign.measured]
     for what, points in (("joints", position), ("measured positions", measured)):
-        if len(points) and float(np.ptp(points, axis=0).max()) < STANDING:
+        if len(points) and float(np.ptp(points, axis=0).max()) < SAME_PLACE:
             message = f"{words} needs poses that differ, the {what} leave the tool at one place in all {count} rows"
             raise InputError(message, file=campaign.file)
 
@@ -180,10 +180,10 @@ def _base_rotation(R: Array, turned: Array) -> Array:
 
 def _step(log: Campaign, p: Array, R: Array, frames: Registration) -> Array:
     """Compute a weighted Gauss-Newton step, in the order of `move_frames`. p, R: TCP of the model at the rows."""
-    base, local, turned, sights = frames.base, frames.tool[log.target_index], log.rotation, log.sights
+    base, local, turned, observations = frames.base, frames.tool[log.target_index], log.rotation, log.observations
     point = p + np.einsum("nij,nj->ni", R, local[:, :3, 3])
     seen = point @ base[:3, :3].T + base[:3, 3]
-    parts = frame_columns(frames, seen, R, log.target_index, turned is not None, sights)
+    parts = frame_columns(frames, seen, R, log.target_index, turned is not None, observations)
     jacobian, residual = np.concatenate(parts, axis=2), np.zeros((len(p), 6))
     size = jacobian.shape[2]
     residual[:, :3] = log.position - seen
@@ -195,17 +195,17 @@ def _step(log: Campaign, p: Array, R: Array, frames: Registration) -> Array:
         jacobian[:, 3:] = 0.0
     residual[:, 3:] *= ANGLE_WEIGHT
     jacobian[:, 3:] *= ANGLE_WEIGHT
-    if sights is not None:
-        sighted = sights.seen
-        slopes = along(sights.directions(point, frames.places), base[:3, :3].T @ jacobian[:, :3])
-        residual[:, :3] = np.where(sighted[:, None], sights.gap(point, frames.places), residual[:, :3])
+    if observations is not None:
+        sighted = observations.observed
+        slopes = along(observations.directions(point, frames.places), base[:3, :3].T @ jacobian[:, :3])
+        residual[:, :3] = np.where(sighted[:, None], observations.gap(point, frames.places), residual[:, :3])
         jacobian[:, :3] = np.where(sighted[:, None, None], slopes, jacobian[:, :3])
     length = np.linalg.norm(residual, axis=1)
     knee = 3.0 * max(float(np.median(length)), 1e-9)
     root = np.sqrt(np.minimum(1.0, knee / np.maximum(length, 1e-12)))
     a, b = (jacobian * root[:, None, None]).reshape(-1, size), (residual * root[:, None]).reshape(-1)
-    if sights is not None and CONTACTS in frames.parts:
-        sure, sigma = sights.known, 1.0 if log.sigma is None else float(np.nanmedian(log.sigma))
+    if observations is not None and CONTACTS in frames.parts:
+        sure, sigma = observations.known, 1.0 if log.sigma is None else float(np.nanmedian(log.sigma))
         weight, own = sigma / sure.sigma, sure.slopes(frames.places).reshape(len(sure), 3 * len(frames.places))
         slopes = np.hstack([np.zeros((len(sure), size - 3 * len(frames.places))), own])
         a, b = np.vstack([a, slopes * weight[:, None]]), np.r_[b, sure.gap(frames.places) * weight]

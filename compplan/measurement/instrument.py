@@ -69,7 +69,7 @@ class InstrumentFile(StrictTable):
 class ObservedRows:
     """Observations of a log without positions, and their standard deviations."""
 
-    sights: Observations  #: The observations.
+    observations: Observations  #: The observations.
     sigma: Array  #: Standard deviation of each row, NaN for a position. Shape (n,). [m]
     notes: tuple[str, ...]  #: Notes on assumptions and missing information, one sentence each.
 
@@ -108,33 +108,33 @@ def read_observations(table: Table, position: Array, instrument: InstrumentFile 
     turn = Rotation.from_rotvec(np.deg2rad(said.instrument.rotation_deg)).as_matrix()
     origin = np.where((kind == READING)[:, None], np.array(said.instrument.position_mm) * 1e-3, 0.0)
     origin = np.where((measured & (kind == READING))[:, None], position, origin)
-    sights = Observations(
+    observations = Observations(
         kind=kind, contact=np.where(kind == POSITION, -1, contact), names=names, origin=origin,
         direction=read_directions(table, kind == READING) @ turn.T,
         value=np.where(kind == DISTANCE, distance, np.where(kind == READING, reading, np.nan)),
     )  # fmt: skip
     if (kind == CONTACT).any() and not (kind != CONTACT)[kind != POSITION].any() and not measured.any():
-        _check_met_again(table, contact)
-    sights, alone = _drop_lonely(table, sights, [label for one in said.distance for label in one.between], measured)
+        _check_repeated(table, contact)
+    tied, sigma = [label for one in said.distance for label in one.between], said.instrument.sigma_mm
+    observations, alone = _drop_undetermined(table, observations, tied, measured)
     notes += alone
-    sights, absent = _add_distances(sights, said.distance)
+    observations, absent = _add_distances(observations, said.distance)
     if absent:
         notes.append(f"[[distance]] names contacts that the log has not, and does not count there: {', '.join(absent)}")
-    sigma = said.instrument.sigma_mm
     if sigma is None and "sigma_position" not in table:
         notes.append(f"no sigma_mm of the instrument is stated: {ASSUMED_SIGMA * 1e3:g} mm is assumed")
-    if not sights.estimate_scale and not (measured & (kind == POSITION)).any():
+    if not observations.estimate_scale and not (measured & (kind == POSITION)).any():
         notes.append(
             "these rows do not determine the scale: lengths stay near the robot folder's; add a known [[distance]]"
             " between contacts, a reading or a ball bar"
         )
-    if np.isin(sights.kind, (READING, DISTANCE)).any():
+    if np.isin(observations.kind, (READING, DISTANCE)).any():
         notes.append(
             "readings and distances have one direction a row, and so has the gap: in space the tip may be 1.7 times as"
             " far off; bands count all three directions"
         )
     level = ASSUMED_SIGMA if sigma is None else sigma * 1e-3
-    return ObservedRows(sights, np.where(sights.seen, level, np.nan), tuple(notes))
+    return ObservedRows(observations, np.where(observations.observed, level, np.nan), tuple(notes))
 
 
 def _number_contacts(table: Table) -> tuple[tuple[str, ...], NDArray[np.int_]]:
@@ -162,14 +162,14 @@ def _check_rows(
             raise table.error(message, int(np.flatnonzero(rows)[0]))
 
 
-def _check_met_again(table: Table, contact: NDArray[np.int_]) -> None:
+def _check_repeated(table: Table, contact: NDArray[np.int_]) -> None:
     """Reject a log in which every contact has one row only: nothing can be compared."""
     if np.bincount(contact[contact >= 0], minlength=1).max() < 2:
         raise table.error("every contact has one row only, expected several poses at one place under one label")
 
 
-def _drop_lonely(
-    table: Table, sights: Observations, tied: Sequence[str], measured: NDArray[np.bool_]
+def _drop_undetermined(
+    table: Table, observations: Observations, tied: Sequence[str], measured: NDArray[np.bool_]
 ) -> tuple[Observations, list[str]]:
     """Drop contacts with too few rows to determine more than their unknown position; also return a note.
 
@@ -178,20 +178,20 @@ def _drop_lonely(
     Raises:
         InputError: If no informative row is left.
     """
-    least = np.array([_count_least(sights.take(sights.contact == k)) for k in range(len(sights.names))], int)
-    rows = np.bincount(sights.contact[sights.contact >= 0], minlength=len(least))
-    lonely = (rows < least) & ~np.isin(sights.names, tied)
+    least = [_count_least(observations.take(observations.contact == k)) for k in range(len(observations.names))]
+    rows = np.bincount(observations.contact[observations.contact >= 0], minlength=len(least))
+    lonely = (rows < least) & ~np.isin(observations.names, tied)
     if not lonely.any():
-        return sights, []
+        return observations, []
     one = int(np.argmax(lonely))
-    few = f"contact {sights.names[one]!r} is in {rows[one]} row{'' if rows[one] == 1 else 's'}, expected at least"
+    few = f"contact {observations.names[one]!r} is in {rows[one]} row{'' if rows[one] == 1 else 's'}, expected at least"
     few = f"{few} {least[one]}: as many as its unknown place takes, and one more"
-    out = np.append(lonely, False)[sights.contact]
-    if not (sights.seen & ~out).any() and not measured.any():
-        raise table.error(few, int(np.flatnonzero(sights.contact == one)[0]))
-    others = [sights.names[k] for k in np.flatnonzero(lonely)[1:]]
+    out = np.append(lonely, False)[observations.contact]
+    if not (observations.observed & ~out).any() and not measured.any():
+        raise table.error(few, int(np.flatnonzero(observations.contact == one)[0]))
+    others = [observations.names[k] for k in np.flatnonzero(lonely)[1:]]
     more = f"; nor do those of {', '.join(others)}" if others else ""
-    return sights.drop_contacts(lonely), [f"{few}; its rows do not count{more}"]
+    return observations.drop_contacts(lonely), [f"{few}; its rows do not count{more}"]
 
 
 def _count_least(rows: Observations) -> int:
@@ -218,9 +218,9 @@ def read_directions(table: Table, rows: NDArray[np.bool_]) -> Array:
     return np.where(rows[:, None], direction / np.where(rows, length, 1.0)[:, None], np.nan)
 
 
-def _add_distances(sights: Observations, tables: tuple[DistanceTable, ...]) -> tuple[Observations, list[str]]:
+def _add_distances(observations: Observations, tables: tuple[DistanceTable, ...]) -> tuple[Observations, list[str]]:
     """Add the known distances between contacts of the log; also return the labels that are missing in the log."""
-    number = {name: k for k, name in enumerate(sights.names)}
+    number = {name: k for k, name in enumerate(observations.names)}
     absent = [label for table in tables for label in table.between if label not in number]
     here = [table for table in tables if all(label in number for label in table.between)]
     known = KnownDistances(
@@ -228,4 +228,4 @@ def _add_distances(sights: Observations, tables: tuple[DistanceTable, ...]) -> t
         np.array([table.mm for table in here]) * 1e-3,
         np.array([table.sigma_mm for table in here]) * 1e-3,
     )
-    return replace(sights, known=known), list(dict.fromkeys(absent))
+    return replace(observations, known=known), list(dict.fromkeys(absent))

@@ -65,7 +65,7 @@ class Observations:
     known: KnownDistances = field(default_factory=KnownDistances)  #: Distances between contacts.
 
     @property
-    def seen(self) -> NDArray[np.bool_]:
+    def observed(self) -> NDArray[np.bool_]:
         """Return which rows are observations other than positions. Shape (n,)."""
         return np.asarray(self.kind != POSITION)
 
@@ -105,7 +105,7 @@ class Observations:
         along = self.directions(point, places)
         expected = np.where(self.kind == DISTANCE, np.linalg.norm(away, axis=1), np.einsum("ni,ni->n", along, away))
         gap = np.where((self.kind == CONTACT)[:, None], -away, (self.value - expected)[:, None] * along)
-        return np.where(self.seen[:, None], gap, np.nan)
+        return np.where(self.observed[:, None], gap, np.nan)
 
     def directions(self, point: Array, places: Array) -> Array:
         """Return the direction of an observation of one component, NaN for all three. Shape (n, 3)."""
@@ -115,7 +115,7 @@ class Observations:
 
     def place_slopes(self) -> Array:
         """Differentiate the gap by the places, before projection on the direction. Shape (n, 3, contacts, 3)."""
-        of = (self.contact[:, None] == np.arange(len(self.names))) & self.seen[:, None]
+        of = (self.contact[:, None] == np.arange(len(self.names))) & self.observed[:, None]
         return np.asarray(np.einsum("nl,ij->nilj", of.astype(float), np.eye(3)))
 
     def first_rows(self) -> NDArray[np.int_]:
@@ -131,7 +131,7 @@ class Observations:
         places = np.zeros((len(self.names), 3))
         known = np.isfinite(point).all(axis=1)
         for number in range(len(places)):
-            rows = np.flatnonzero((self.contact == number) & self.seen & known)
+            rows = np.flatnonzero((self.contact == number) & self.observed & known)
             if len(rows):
                 places[number] = _start_place(self.take(rows), point[rows])
         return places

@@ -40,7 +40,7 @@ def pool_rows(campaign: Campaign) -> Campaign:
     Short logs, logs of paths and logs of other instruments are unchanged; a log of mostly distinct poses is thinned.
     """
     rows = np.flatnonzero(campaign.usable)
-    if len(rows) <= FROM_ROWS or campaign.on_path.any() or campaign.sights is not None:
+    if len(rows) <= FROM_ROWS or campaign.on_path.any() or campaign.observations is not None:
         return campaign
     single = rows[find_copies(campaign, rows)]
     group = number_poses(campaign, single)
@@ -51,7 +51,7 @@ def pool_rows(campaign: Campaign) -> Campaign:
         part = single[:: -(-len(single) // FROM_ROWS)]
         notes.append(f"{len(single)} rows, hardly a pose met again: every {-(-len(single) // FROM_ROWS)}th is used")
         return replace(campaign.take(part), notes=(*campaign.notes, *notes))
-    kept = leave_gross(campaign.position[single], group)
+    kept = find_inliers(campaign.position[single], group)
     whole = number_poses(campaign, single, most=1)
     if not scatter_beyond_chance(campaign.position[single][kept], group[kept], whole[kept]):
         group = whole
@@ -110,7 +110,7 @@ def number_poses(campaign: Campaign, rows: NDArray[np.int_], most: int = STRETCH
     return np.asarray(rank[group.reshape(-1)])
 
 
-def leave_gross(position: Array, group: NDArray[np.int_]) -> NDArray[np.bool_]:
+def find_inliers(position: Array, group: NDArray[np.int_]) -> NDArray[np.bool_]:
     """Return which rows are not outliers of their pose. Shape (n,)."""
     order = np.argsort(group, kind="stable")
     kept = np.ones(len(group), bool)

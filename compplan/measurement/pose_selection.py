@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from compplan.robot import Array
 
 #: Gain of every candidate in addition to the selected ones. Shape (m,).
-Worth = Callable[[list[int]], Array]
+Gains = Callable[[list[int]], Array]
 #: Least relative improvement of an exchange, against cycles by rounding.
 BETTER = 1e-9
 #: Greatest number of exchange rounds (assumed: most selections converge in two).
@@ -24,7 +24,7 @@ ROUNDS = 3
 Gain = Callable[[Array, Array, Array], Array]
 
 
-def grow_choice(worth: Worth, count: int) -> Iterator[tuple[int, float]]:
+def grow_choice(worth: Gains, count: int) -> Iterator[tuple[int, float]]:
     """Select `count` candidates greedily; yield each candidate and its gain."""
     taken: list[int] = []
     for _ in range(count):
@@ -34,19 +34,19 @@ def grow_choice(worth: Worth, count: int) -> Iterator[tuple[int, float]]:
         yield taken[-1], float(gain[taken[-1]])
 
 
-def take_greedily(worth: Worth, count: int) -> list[int]:
+def take_greedily(worth: Gains, count: int) -> list[int]:
     """Select `count` candidates greedily."""
     return [number for number, _ in grow_choice(worth, count)]
 
 
-def settle_choice(worth: Worth, taken: Sequence[int]) -> list[tuple[int, float]]:
+def exchange_choice(worth: Gains, taken: Sequence[int]) -> list[tuple[int, float]]:
     """Improve a selection by exchanges, and order it greedily; return each candidate and its gain."""
     chosen = exchange_taken(worth, taken)
     grown = grow_choice(lambda order: worth([chosen[k] for k in order])[chosen], len(chosen))
     return [(chosen[k], gain) for k, gain in grown]
 
 
-def exchange_taken(worth: Worth, taken: Sequence[int]) -> list[int]:
+def exchange_taken(worth: Gains, taken: Sequence[int]) -> list[int]:
     """Replace selected candidates by better ones, one by one, until none is better or the rounds are over."""
     taken = list(taken)
     for _ in range(ROUNDS):
@@ -63,7 +63,7 @@ def exchange_taken(worth: Worth, taken: Sequence[int]) -> list[int]:
     return taken
 
 
-def weight_rows(gain: Gain, covariance: Array, rows: Array, noise: float, mean: Array | None = None) -> Worth:
+def weight_rows(gain: Gain, covariance: Array, rows: Array, noise: float, mean: Array | None = None) -> Gains:
     """Return the gain of every measurement as a function of those selected.
 
     covariance: prior, (P, P); mean: prior, (P,), zero if left out; rows: derivatives of each measurement, (m, c, P);

@@ -130,7 +130,7 @@ def read_campaign(source: Any, robot: Robot, instrument: InstrumentFile | None =
         mode=_modes(table),
         file=Path(source) if is_file_name(source) else None,
         lines=table.lines,
-        sights=None if sighted is None else sighted.sights,
+        observations=None if sighted is None else sighted.observations,
     )
     _refuse_empty(campaign, table)
     checked = check_campaign(campaign, robot, table)
@@ -150,7 +150,7 @@ def _positions(table: Table, instrument: InstrumentFile | None) -> tuple[Array, 
                           " distance_mm of another instrument")  # fmt: skip
     if sighted is None:
         return position, None
-    return np.where(sighted.sights.seen[:, None], np.nan, position), sighted
+    return np.where(sighted.observations.observed[:, None], np.nan, position), sighted
 
 
 def _refuse_empty(campaign: Campaign, table: Table) -> None:

@@ -45,7 +45,7 @@ class Registration:
         tools = np.repeat(np.eye(4)[None], len(campaign.target_names), axis=0)
         if campaign.target_offset is not None:
             tools[:, :3, 3] = campaign.target_offset
-        contacts = () if campaign.sights is None else campaign.sights.names
+        contacts = () if campaign.observations is None else campaign.observations.names
         return Registration(
             np.eye(4), tools, campaign.target_names, tuple(parts), contacts, np.zeros((len(contacts), 3))
         )
@@ -62,8 +62,8 @@ def fitted_parts(campaign: Campaign, parts: Sequence[str]) -> tuple[str, ...]:
 
     The base frame is left out if no row has a position: other observations do not depend on it.
     """
-    kept = [part for part in parts if part != "base" or campaign.sights is None or campaign.measured.any()]
-    if campaign.sights is not None and campaign.sights.names and CONTACTS not in kept:
+    kept = [part for part in parts if part != "base" or campaign.observations is None or campaign.measured.any()]
+    if campaign.observations is not None and campaign.observations.names and CONTACTS not in kept:
         kept.append(CONTACTS)
     return tuple(kept)
 
@@ -78,10 +78,10 @@ def campaign_gap(campaign: Campaign, position: Array, registration: Registration
     if registration is not None:
         gap = gap @ registration.base[:3, :3]
         position = (position - registration.base[:3, 3]) @ registration.base[:3, :3]
-    if campaign.sights is None:
+    if campaign.observations is None:
         return np.asarray(gap)
     places = _places_of(campaign, registration, position)
-    return np.where(campaign.sights.seen[:, None], campaign.sights.gap(position, places), gap)
+    return np.where(campaign.observations.observed[:, None], campaign.observations.gap(position, places), gap)
 
 
 def campaign_turn(campaign: Campaign, rotation: Array) -> Array:
@@ -99,19 +99,19 @@ def campaign_directions(campaign: Campaign, position: Array, registration: Regis
 
     Arguments: see `campaign_gap`.
     """
-    if campaign.sights is None or (campaign.sights.kind <= CONTACT).all():
+    if campaign.observations is None or (campaign.observations.kind <= CONTACT).all():
         return None
     if registration is not None:
         position = (position - registration.base[:3, 3]) @ registration.base[:3, :3]
-    return campaign.sights.directions(position, _places_of(campaign, registration, position))
+    return campaign.observations.directions(position, _places_of(campaign, registration, position))
 
 
 def _places_of(campaign: Campaign, registration: Registration | None, point: Array) -> Array:
     """Return the contact positions of a campaign, estimated from its rows if the registration does not have them."""
-    assert campaign.sights is not None
-    if registration is not None and registration.contacts == campaign.sights.names:
+    assert campaign.observations is not None
+    if registration is not None and registration.contacts == campaign.observations.names:
         return registration.places
-    return campaign.sights.start_places(point)
+    return campaign.observations.start_places(point)
 
 
 def stated_registration(campaign: Campaign) -> Registration | None:

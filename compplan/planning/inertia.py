@@ -13,7 +13,7 @@ from compplan.statics.elastic import locate_loaded
 from compplan.statics.ik import build_arm, reach_tip_and_axis
 from compplan.statics.inertia import build_moving_chain, load_motion, smooth_loads
 from compplan.uncertainty.assumed import robot_uncertainty
-from compplan.uncertainty.motion import Motion, Push, know_masses, swing_arm
+from compplan.uncertainty.motion import Motion, Push, mass_uncertainty, simulate_motion
 
 #: Damping ratio of an arm's modes (assumed).
 DAMPING = 0.03
@@ -36,9 +36,9 @@ def measure_motion(task: PlanTask, time: Array, dynamics: Dynamics) -> Motion | 
 
     static, moving = locate(None), locate(loads)
     moved = locate(held) if held.any() else static
-    width, masses = know_masses(task.robot, robot_uncertainty(task.robot))
+    width, masses = mass_uncertainty(task.robot, robot_uncertainty(task.robot))
     source = f"{masses}, damping of the modes {DAMPING:g} of critical (assumed)"
-    return swing_arm(
+    return simulate_motion(
         dynamics, task.q_links, time, Push(loads, moving - static), Push(held, moved - static), width=width,
         damping=DAMPING, source=source,
     )  # fmt: skip

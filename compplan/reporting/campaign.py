@@ -35,9 +35,9 @@ def write_campaign(campaign: PoseCampaign, folder: Path) -> dict[str, Any]:
     """Write a designed campaign and return the content of campaign.json."""
     with replace_folder(folder, "campaign") as part:
         _write_log(campaign, part / "campaign.csv")
-        if campaign.poses.sights is not None:
-            text = _describe_instrument(campaign.poses.sights, campaign.equipment.sigma)
-            write_text(part / "instrument.toml", "".join(f"# {stand.says}\n" for stand in campaign.stands) + text)
+        if campaign.poses.observations is not None:
+            text = _describe_instrument(campaign.poses.observations, campaign.equipment.sigma)
+            write_text(part / "instrument.toml", "".join(f"# {one.instruction}\n" for one in campaign.fixtures) + text)
         _write_moves(campaign, part)
         write_text(part / "report.html", _render(campaign))
         summary = {**summarise_campaign(campaign), "files": [*map(str, list_files(part)), "campaign.json"]}
@@ -54,7 +54,7 @@ def _write_log(campaign: PoseCampaign, file: Path) -> None:
     columns: dict[str, object] = {"run": np.array(["static1"] * 2 * n)}
     columns |= campaign.plan.robot.joint_columns(poses.log.q)
     columns |= {header: poses.log.wrench[:, k] for k, header in enumerate(WRENCH_HEADERS)}
-    columns |= _list_sights(poses.sights, n)
+    columns |= _list_observations(poses.observations, n)
     columns["sigma_mm"] = np.full(2 * n, campaign.equipment.sigma * 1e3)
     write_table(file, columns, decimals=7)
     task = TASKS.get(campaign.equipment.instrument, "measure")
@@ -65,38 +65,38 @@ def _write_log(campaign: PoseCampaign, file: Path) -> None:
         load = f"{poses.weight[k]:g} kg" if poses.weight[k] else "no weight"
         x, y = poses.wrench[k, :2]
         pull = f", pull {x:g}, {y:g}, 0 N" if x or y else ""
-        worth = f"{campaign.worth[k]} in worth" if k < n - 1 else "the first once more"
+        worth = f"{campaign.rank[k]} in worth" if k < n - 1 else "the first once more"
         lines += [f"# pose {k + 1} ({worth}): {load}{pull}; {todo}"]
         lines += rows[2 * k : 2 * k + 2]
     write_text(file, "\n".join(lines) + "\n")
 
 
-def _list_sights(sights: Observations | None, poses: int) -> dict[str, object]:
+def _list_observations(observations: Observations | None, poses: int) -> dict[str, object]:
     """Return the columns to fill in: positions or readings of another instrument, in the second row of each pose."""
     empty = np.full(2 * poses, np.nan)
-    if sights is None:
+    if observations is None:
         return {f"{axis}_mm": empty for axis in "xyz"}
 
     def second(values: Array) -> Array:
         return np.stack([np.full((poses, 3), np.nan), values], axis=1).reshape(-1, 3)
 
     columns: dict[str, object] = {}
-    if sights.names:
-        columns["contact"] = np.array([["", sights.names[one]] for one in sights.contact]).reshape(-1)
+    if observations.names:
+        columns["contact"] = np.array([["", observations.names[one]] for one in observations.contact]).reshape(-1)
     else:
-        columns |= {f"{axis}_mm": 1e3 * second(sights.origin)[:, k] for k, axis in enumerate("xyz")}
-    if (sights.kind == READING).any():
-        columns |= {f"dir_{axis}": second(sights.direction)[:, k] for k, axis in enumerate("ijk")}
+        columns |= {f"{axis}_mm": 1e3 * second(observations.origin)[:, k] for k, axis in enumerate("xyz")}
+    if (observations.kind == READING).any():
+        columns |= {f"dir_{axis}": second(observations.direction)[:, k] for k, axis in enumerate("ijk")}
         columns["reading_mm"] = empty
     return columns
 
 
-def _describe_instrument(sights: Observations, sigma: float) -> str:
+def _describe_instrument(observations: Observations, sigma: float) -> str:
     """Return the text of instrument.toml of a campaign. sigma: standard deviation of the instrument [m]"""
     lines = ["schema = 1", "[instrument]", f"sigma_mm = {1e3 * sigma:g}"]
-    known = sights.known
+    known = observations.known
     for pair, length, own in zip(known.between.tolist(), known.length, known.sigma, strict=True):
-        between = ", ".join(f'"{sights.names[one]}"' for one in pair)
+        between = ", ".join(f'"{observations.names[one]}"' for one in pair)
         lines += ["[[distance]]  # measure it: the plate's own, not the asked one", f"between = [{between}]",
                   f"mm = {1e3 * length:g}", f"sigma_mm = {1e3 * own:g}"]  # fmt: skip
     return "\n".join(lines) + "\n"
@@ -141,8 +141,8 @@ def summarise_campaign(campaign: PoseCampaign) -> dict[str, Any]:
         "remaining": [{"unknown": name, "share_of_variance": share} for name, share in campaign.rest],
         "ways_that_touch": [int(k) + 1 for k in campaign.touching], "instrument": equipment.instrument,
         "stands": [
-            {"label": stand.label, "position_mm": (1e3 * stand.place).round(1).tolist(), "says": stand.says}
-            for stand in campaign.stands
+            {"label": one.label, "position_mm": (1e3 * one.place).round(1).tolist(), "says": one.instruction}
+            for one in campaign.fixtures
         ],
         "instrument_sigma_mm": equipment.sigma * 1e3, "weights_kg": list(equipment.weights),
         "pull_N": equipment.pull, "register": list(equipment.frames), "notes": list(campaign.notes),
@@ -174,8 +174,8 @@ def _render(campaign: PoseCampaign) -> str:
     tip, at = np.unique(campaign.poses.tip[:-1].round(2), axis=0, return_inverse=True)
     labels = [", ".join(str(k + 1) for k in np.flatnonzero(at == place)) for place in range(len(tip))]
     dots = "the tip at the poses, numbered"
-    if campaign.stands:
-        tip, labels = np.array([stand.place for stand in campaign.stands]), [stand.label for stand in campaign.stands]
+    if campaign.fixtures:
+        tip, labels = np.array([one.place for one in campaign.fixtures]), [one.label for one in campaign.fixtures]
         dots = "the places that are put up"
     figure.add(
         "scatter3d", x=1e3 * tip[:, 0], y=1e3 * tip[:, 1], z=1e3 * tip[:, 2], mode="markers+text", name="poses",
@@ -188,8 +188,8 @@ def _render(campaign: PoseCampaign) -> str:
                 "In the order of measuring. Approach each from the stated side, let it settle, then measure."),
         Section("What remains", [list_leading(campaign.rest)], "What would narrow the band most afterwards."),
     ]  # fmt: skip
-    if campaign.stands:
-        rows = [[stand.label, *(float(v) for v in 1e3 * stand.place), stand.says] for stand in campaign.stands]
+    if campaign.fixtures:
+        rows = [[one.label, *(float(v) for v in 1e3 * one.place), one.instruction] for one in campaign.fixtures]
         table = DataTable(["label", *(f"{name} [mm, 4]" for name in "xyz"), "put up"], rows)
         about = "In the robot's base frame; within centimetres is enough where nothing else is said."
         sections.insert(2, Section("Where it stands", [table], about))
@@ -245,8 +245,8 @@ def _list_poses(campaign: PoseCampaign) -> DataTable:
         axis = int(np.abs(pull).argmax())
         force = f"{abs(pull[axis]):.0f} N along {'-' if pull[axis] < 0 else '+'}{'xyz'[axis]}".replace(" ", "\u00a0")
         rows.append(
-            [Cell("1 again", "muted") if again else k + 1, None if again else int(campaign.worth[k]),
-             *(float(v) for v in poses.q[k] * scale), "rising" if poses.rising[k] else "falling",
+            [Cell("1 again", "muted") if again else k + 1, None if again else int(campaign.rank[k]),
+             *(float(v) for v in poses.q[k] * scale), "rising" if poses.approach_positive[k] else "falling",
              f"{poses.weight[k]:g} kg" if poses.weight[k] else "none", force if pull.any() else "none",
              *(float(v) for v in 1e3 * poses.tip[k])]
         )  # fmt: skip

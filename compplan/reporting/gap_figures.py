@@ -23,9 +23,8 @@ from compplan.robot import Array, Robot
 if TYPE_CHECKING:
     from compplan.diagnosis.results.shares import Share
 
-#: Greatest number of residual vectors and of dots in a chart.
-VECTORS, DOTS = 900, 1500
-BINS = 45
+#: Greatest number of residual vectors in a chart.
+VECTORS = 900
 #: The two models, with their colours.
 MODELS = (("nominal model", BEFORE), ("updated model", AFTER))
 

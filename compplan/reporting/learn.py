@@ -40,7 +40,7 @@ def write_learning(update: LearnedPart, folder: Path) -> dict[str, Any]:
     with replace_folder(folder, "learn") as part:
         _write_updated(update, part / "robot")
         write_programs(plan, part)
-        write_joints(plan, part / "joints.csv", update.wanted)
+        write_joints(plan, part / "joints.csv", update.nominal)
         write_deviation(plan, part / "deviation.csv", choose_rows(plan))
         write_plan_page(plan, part / "plan.html")
         write_json(part / "plan.json", plan.to_dict(), indent=2)
@@ -52,7 +52,7 @@ def write_learning(update: LearnedPart, folder: Path) -> dict[str, Any]:
 
 def _write_updated(update: LearnedPart, folder: Path) -> None:
     """Write the updated robot folder, with the learned residuals of all paths."""
-    deliver_robot_folder(update.taught, folder, update.robot)
+    deliver_robot_folder(update.updated, folder, update.robot)
     source = update.robot.folder
     if source is not None:
         for file in (*source.glob("learned_*.csv"), *source.glob("registration.toml")):
@@ -78,9 +78,9 @@ def _write_residual(residual: Residual, robot: Robot, file: Path) -> None:
 
 def summarise_update(update: LearnedPart) -> dict[str, Any]:
     """Return the content of learn.json."""
-    model_update, travel = update.model_update, update.travel
+    model_update, transfer = update.model_update, update.transfer
     steps = ("nothing", "force", "force_and_robot")
-    left = {name: 1e3 * v if np.isfinite(v) else None for name, v in zip(steps, travel.left, strict=True)}
+    left = {name: 1e3 * v if np.isfinite(v) else None for name, v in zip(steps, transfer.left, strict=True)}
     bands = {
         name: {"p95_max": float(band.max()) * 1e3, "p95_max_in_measured_directions": float(seen.max()) * 1e3}
         for name, band, seen in zip(
@@ -100,8 +100,8 @@ def summarise_update(update: LearnedPart) -> dict[str, Any]:
         "physics_rms_mm": _rms(model_update.physics) * 1e3, "force_rms_mm": _rms(model_update.pushed) * 1e3,
         "residual_rms_mm": _rms(model_update.residual) * 1e3, **bands,
         "told_other_paths": {
-            "force": travel.force and model_update.taken, "robot": travel.robot and model_update.taken, "left_mm": left,
-            "force_level": None if update.force is None else update.force.level,
+            "force": transfer.force and model_update.taken, "robot": transfer.robot and model_update.taken,
+            "left_mm": left, "force_level": None if update.force is None else update.force.level,
         },
         "learned": [
             {"unknown": one.name, "value_SI": one.value, "width_before_SI": one.width, "in_robot_folder": one.kept}

@@ -66,9 +66,9 @@ def predict_campaign(
     position = np.where(known[:, None], attained.position, np.nan)
     rotation = np.where(known[:, None, None], attained.rotation, np.nan)
     gap = campaign_gap(campaign, position, registration)
-    if campaign.sights is not None and registration is not None:
+    if campaign.observations is not None and registration is not None:
         own = (position - registration.base[:3, 3]) @ registration.base[:3, :3]
-        position = np.where(campaign.sights.seen[:, None], own, position)
+        position = np.where(campaign.observations.observed[:, None], own, position)
     return Prediction(position, rotation, attained, registration, gap)
 
 

@@ -24,7 +24,7 @@ from compplan.robot.pose import linear_displacement
 from compplan.statics.chain import Chain
 from compplan.statics.sweep import CompiledChain, apply_compliance, element_loads, joint_turns, walk_chain
 from compplan.studies.posterior import MODES
-from compplan.studies.sampling import Cells, differentiate_placements, shift_tip
+from compplan.studies.sampling import SampledRobots, differentiate_placements, shift_tip
 from compplan.toolpath.toolpath import select_waypoints
 from compplan.uncertainty.touch_off import locate_touching
 
@@ -54,7 +54,7 @@ def build_kernel(chain: Chain) -> Kernel:
     return Kernel(chain.compiled, tuple(int(k) for k in elements), tuple(bool(s) for s in chain.translates[elements]))
 
 
-def settle_tips(kernel: Kernel, q: Array, wrench: Array, factor: Array, theta: Array) -> Array:
+def solve_tips(kernel: Kernel, q: Array, wrench: Array, factor: Array, theta: Array) -> Array:
     """Solve the loaded equilibrium of n poses for the tip. Shape (3, n). [m]
 
     theta = f C (J^T w + tau_g), with a factor f on the compliance of every elastic coordinate, pose by pose.
@@ -147,16 +147,16 @@ def prepare_touch(task: PlanTask, noise: NoiseTable) -> Touch | None:
     return Touch(touched.q.T[:, None, :], touched.shown.T, rates, offset.T, linear_displacement(touched.shown))
 
 
-def move_part(touch: Touch, kernel: Kernel, cells: Cells, scale: Array, position: Array) -> Array:
+def move_part(touch: Touch, kernel: Kernel, robots: SampledRobots, scale: Array, position: Array) -> Array:
     """Return the displacement of every sampled part from the found frame at positions (3, n). Shape (3, b, n). [m]
 
     scale: share of each spring's deflection that remains under the feedback. Shape (s, b).
     """
-    b, k = cells.zero.shape[1], touch.q.shape[2]
-    q = (touch.q + cells.zero[:, :, None]).reshape(len(touch.q), -1)
-    factor = np.repeat(cells.factor * scale, k, axis=1)
-    tips = settle_tips(kernel, q, np.zeros((6, b * k)), factor, np.zeros_like(factor)).reshape(3, b, k)
-    gap = tips + shift_tip(cells.causes, touch.placements) + (touch.offset - touch.shown)[:, None, :]
+    b, k = robots.zero.shape[1], touch.q.shape[2]
+    q = (touch.q + robots.zero[:, :, None]).reshape(len(touch.q), -1)
+    factor = np.repeat(robots.factor * scale, k, axis=1)
+    tips = solve_tips(kernel, q, np.zeros((6, b * k)), factor, np.zeros_like(factor)).reshape(3, b, k)
+    gap = tips + shift_tip(robots.causes, touch.placements) + (touch.offset - touch.shown)[:, None, :]
     twist = touch.fit @ np.moveaxis(gap, 1, 0).transpose(0, 2, 1).reshape(b, -1).T
     lever = position - touch.shown.mean(axis=1, keepdims=True)
     return np.asarray(twist[:3, :, None] + np.cross(twist[3:, :, None], lever[:, None, :], axis=0))

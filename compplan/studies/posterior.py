@@ -79,7 +79,7 @@ def count_coordinates(robot: Robot) -> int:
     return robot_uncertainty(robot).factor.shape[1] + 3 * MODES
 
 
-def settle_force(noise: NoiseTable, force: ForceSpread | None) -> NoiseTable:
+def apply_learned_force(noise: NoiseTable, force: ForceSpread | None) -> NoiseTable:
     """Replace level and direction of the force by those learned together with the robot, if there are any."""
     if force is None or not len(force.robot):
         return noise
@@ -87,13 +87,13 @@ def settle_force(noise: NoiseTable, force: ForceSpread | None) -> NoiseTable:
     return noise.model_copy(update=spread)
 
 
-def take_posterior(task: PlanTask, travel: Array, force: ForceSpread | None = None) -> RobotPosterior:
-    """Build the posterior of a task's robot; `travel`: direction of motion of each joint, shape (nq, n).
+def build_posterior(task: PlanTask, motion_sign: Array, force: ForceSpread | None = None) -> RobotPosterior:
+    """Build the posterior of a task's robot; `motion_sign`: direction of motion of each joint, shape (nq, n).
 
     `force` is the uncertainty of the force learned from measured parts, or None.
     """
     known = robot_uncertainty(task.robot)
-    found = RobotPosterior(known.spread, _list_parts(task, known, travel))
+    found = RobotPosterior(known.spread, _list_parts(task, known, motion_sign))
     if force is None or not len(force.robot):
         return found
     return replace(found, tie=tie_force(known, force), force=force)
@@ -116,7 +116,7 @@ def move_by_posterior(task: PlanTask, known: Uncertainty) -> list[Array]:
     return [interpolate(np.arange(len(task)), rows, values) for values in moved]
 
 
-def _list_parts(task: PlanTask, known: Uncertainty, travel: Array) -> tuple[ArmParameter, ...]:
+def _list_parts(task: PlanTask, known: Uncertainty, motion_sign: Array) -> tuple[ArmParameter, ...]:
     robot, parts, first = task.robot, [], 0
     own, names = own_springs(robot), [joint.name for joint in robot.actuated]
     for unknown in known.unknowns:
@@ -127,7 +127,7 @@ def _list_parts(task: PlanTask, known: Uncertainty, travel: Array) -> tuple[ArmP
         elif unknown.effect == "joint_offset":
             parts.append(ArmParameter(first, "zero", joint, one))
         elif unknown.effect == "backlash":
-            parts.append(ArmParameter(first, "drive", joint, -0.5 * travel[joint]))
+            parts.append(ArmParameter(first, "drive", joint, -0.5 * motion_sign[joint]))
         elif unknown.effect == transmission_error.name and "cycles_per_turn" in unknown.fixed:
             shape = transmission_error.waves(task.q_start[:, joint], unknown.fixed["cycles_per_turn"], False)
             parts += [ArmParameter(first + k, "drive", joint, column) for k, column in enumerate(shape.T)]

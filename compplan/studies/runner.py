@@ -79,7 +79,7 @@ def run_study(
     about: dict[str, object] = {"seed": settings.seed, "replicates": settings.replicates, "chunk": size}
 
     def points(number: int) -> Array:
-        return draw_points(study.surroundings.factors, settings.seed, settings.replicates, chunks[number])
+        return draw_points(study.context.factors, settings.seed, settings.replicates, chunks[number])
 
     done, reused = evaluate_chunks(
         study, chunks, points, folder=folder, about=about, workforce=workforce, progress=progress
@@ -145,13 +145,13 @@ def fingerprint_study(study: Study, settings: dict[str, Any]) -> str:
     about = {"version": VERSION, "numpy": np.__version__, **settings}
     digest.update(json.dumps(about, sort_keys=True).encode())
     digest.update(study.noise.model_dump_json().encode())
-    at = study.surroundings
+    at = study.context
     arrays: list[Array] = [study.nominal, at.wrench, at.shift, at.scale, study.task.chain.compliance]
     arrays += [at.link_share, 1e9 * at.posterior.root]
-    for name, worker in study.workers.items():
+    for name, command in study.commands.items():
         digest.update(name.encode())
-        arrays += [worker.q, worker.spring_factor]
-        arrays += [part for part in (worker.gain, worker.expected) if part is not None]
+        arrays += [command.q, command.spring_factor]
+        arrays += [part for part in (command.gain, command.expected) if part is not None]
     for array in arrays:
         digest.update(np.round(array, 12).tobytes())
     digest.update(f"{study.task.tolerance:.9g}".encode())

@@ -28,7 +28,7 @@ from compplan.job.noise import EXPANSION, NoiseTable
 from compplan.planning.task import PlanTask
 from compplan.robot import Array, Robot
 from compplan.robot.pose import rigid_columns
-from compplan.studies.posterior import RobotPosterior, count_coordinates, move_by_posterior, take_posterior
+from compplan.studies.posterior import RobotPosterior, build_posterior, count_coordinates, move_by_posterior
 from compplan.uncertainty.assumed import robot_uncertainty
 from compplan.uncertainty.motion import read_placement
 from compplan.uncertainty.sensitivities import CORRELATION, ForceSpread
@@ -50,7 +50,7 @@ TWIST = 6
 
 
 @dataclass(frozen=True)
-class Surroundings:
+class SampleContext:
     """Data common to all samples; n waypoints."""
 
     noise: NoiseTable  #: The standard deviations.
@@ -68,7 +68,7 @@ class Surroundings:
     posterior: RobotPosterior  #: Parameter uncertainty from which robots are drawn.
 
 
-class Cells(NamedTuple):
+class SampledRobots(NamedTuple):
     """b sampled robots with their process errors; each cuts one part."""
 
     factor: Array  #: Factor on each compliance. Shape (s, b).
@@ -84,15 +84,15 @@ class Cells(NamedTuple):
     force: Array  #: Error of the force sensor. Shape (6, b, n). [N, N m]
 
 
-def survey_surroundings(
+def build_context(
     task: PlanTask, noise: NoiseTable, factors: Factors, force: ForceSpread | None = None
-) -> Surroundings:
+) -> SampleContext:
     """Compute the data common to all samples of a task; `force`: uncertainty learned from measured parts, or None."""
     length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(task.position, axis=0), axis=1))])
     knots = min(int(np.ceil(length[-1] / CORRELATION * KNOTS)) + 2, MOST_KNOTS)
     spacing = max(length[-1], 1e-9) / (knots - 1)
     shift, scale = differentiate_placements(task, noise)
-    return Surroundings(
+    return SampleContext(
         noise=noise,
         factors=factors,
         wrench=np.ascontiguousarray(task.wrench.T),
@@ -103,7 +103,7 @@ def survey_surroundings(
         knot=np.minimum(length / spacing, knots - 1.000001),
         forget=float(np.exp(-spacing / CORRELATION)),
         repeatability=robot_uncertainty(task.robot).repeatability or 0.0,
-        posterior=take_posterior(task, command_campaign(task.q_start).approach.T, force),
+        posterior=build_posterior(task, command_campaign(task.q_start).approach.T, force),
     )
 
 
@@ -128,7 +128,7 @@ def differentiate_placements(task: PlanTask, noise: NoiseTable) -> tuple[Array, 
     return np.ascontiguousarray(np.swapaxes(np.array(parts), 1, 2)), np.array(scale)
 
 
-def sample_robots(at: Surroundings, points: Array) -> Cells:
+def sample_robots(at: SampleContext, points: Array) -> SampledRobots:
     """Convert points of the unit cube to sampled robots. points: shape (b, size)."""
     noise, columns = at.noise, at.factors.columns
     normal = to_normal(points)
@@ -154,7 +154,7 @@ def sample_robots(at: Surroundings, points: Array) -> Cells:
               + GAIN * bias[6, :, None] * wrench)  # fmt: skip
     zero, drive = np.zeros((at.nq, len(points))), np.zeros((at.nq, len(points), at.wrench.shape[1]))
     at.posterior.draw(robot, factor, zero, drive)
-    return Cells(
+    return SampledRobots(
         factor=factor,
         link_share=share,
         zero=zero,
@@ -174,7 +174,7 @@ def shift_tip(causes: Array, rates: Array) -> Array:
     return np.einsum("kb,kin->ibn", causes, rates, optimize=False)
 
 
-def _draw_wrench(at: Surroundings, shares: Array, noises: _Noises) -> Array:
+def _draw_wrench(at: SampleContext, shares: Array, noises: _Noises) -> Array:
     """Draw the wrench on the tool: level and direction per sample, and a variation along the path.
 
     shares: level and rotations, in standard deviations. Shape (4, b).
@@ -194,7 +194,7 @@ def _six(force: float, moment: float) -> Array:
 class _Noises:
     """Noise along the path, seeded by the points: independent of the position of a point in its batch."""
 
-    def __init__(self, at: Surroundings, points: Array) -> None:
+    def __init__(self, at: SampleContext, points: Array) -> None:
         self.at = at
         self.points = points
         self.n = at.wrench.shape[1]

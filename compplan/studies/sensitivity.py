@@ -54,7 +54,7 @@ def measure_sensitivity(
 ) -> Sensitivity | None:
     """Estimate total Sobol indices by group; None for fewer than two groups. base: base points, a power of two."""
     thin = thin_study(study, WAYPOINTS)
-    factors = thin.surroundings.factors
+    factors = thin.context.factors
     if len(factors.groups) < 2:
         return None
     names = factors.group_names()

@@ -20,16 +20,16 @@ from compplan.planning.strategies.online import ONLINE, OnlineCommand, correct_o
 from compplan.planning.task import PlanTask
 from compplan.robot import Array
 from compplan.statics.encoders import actuator_selection, control_equilibrium, feedback_scale
-from compplan.studies.kernel import Kernel, Touch, build_kernel, move_part, prepare_touch, settle_tips
-from compplan.studies.posterior import settle_force
+from compplan.studies.kernel import Kernel, Touch, build_kernel, move_part, prepare_touch, solve_tips
+from compplan.studies.posterior import apply_learned_force
 from compplan.studies.sampling import (
-    Cells,
-    Surroundings,
+    SampleContext,
+    SampledRobots,
+    build_context,
     differentiate_placements,
     list_factors,
     sample_robots,
     shift_tip,
-    survey_surroundings,
 )
 from compplan.toolpath.toolpath import select_waypoints
 from compplan.uncertainty.sensitivities import ForceSpread
@@ -44,7 +44,7 @@ STATIONS = 120
 BATCH = 8192
 
 
-class Worker(NamedTuple):
+class PreparedCommand(NamedTuple):
     """The command of a strategy, components first, prepared for many samples."""
 
     q: Array  #: Commanded joint positions. Shape (nq, 1, n). [rad or m]
@@ -65,10 +65,10 @@ class Study:
     task: PlanTask  #: The task, thinned if it is long.
     waypoints_of_path: int  #: Number of waypoints of the complete path.
     answers: dict[str, OnlineCommand]  #: Commands by strategy.
-    workers: dict[str, Worker]  #: The same, prepared for many samples.
+    commands: dict[str, PreparedCommand]  #: The same, prepared for many samples.
     kernel: Kernel  #: Compiled chain of the robot.
     touch: Touch | None  #: Touched points of the part, None if its frame is absolute.
-    surroundings: Surroundings  #: Noise and its effect on the tip.
+    context: SampleContext  #: Noise and its effect on the tip.
     nominal: Array  #: Nominal tips. Shape (3, n). [m]
     cut: NDArray[np.bool_]  #: Waypoints that are evaluated. Shape (n,).
     stations: NDArray[np.int_]  #: Waypoints whose distances are kept. Shape (k,).
@@ -81,7 +81,7 @@ class Study:
     @property
     def noise(self) -> NoiseTable:
         """Return the standard deviations."""
-        return self.surroundings.noise
+        return self.context.noise
 
 
 def prepare_study(
@@ -101,7 +101,7 @@ def prepare_study(
     Raises:
         InputError: If a strategy does not suit the robot, or the path has no cutting moves.
     """
-    noise = settle_force(noise or NoiseTable(), force)
+    noise = apply_learned_force(noise or NoiseTable(), force)
     if not task.compensated.any():
         raise InputError("the path has no cutting moves, nothing to compare")
     chosen = tuple(strategies) if strategies else list_strategies(task.robot)
@@ -125,10 +125,10 @@ def assemble_study(
         task=thin,
         waypoints_of_path=count,
         answers=answers,
-        workers={name: _make_worker(thin, c, selection, noise) for name, c in answers.items()},
+        commands={name: _prepare_command(thin, c, selection, noise) for name, c in answers.items()},
         kernel=build_kernel(thin.chain),
         touch=prepare_touch(thin, noise),
-        surroundings=survey_surroundings(thin, noise, list_factors(thin.robot, noise), force),
+        context=build_context(thin, noise, list_factors(thin.robot, noise), force),
         nominal=np.ascontiguousarray(thin.position.T),
         cut=thin.compensated,
         stations=cut[np.unique(np.linspace(0, len(cut) - 1, min(STATIONS, len(cut))).astype(int))],
@@ -157,7 +157,7 @@ def thin_study(study: Study, most: int) -> Study:
     if len(rows) == len(study.task):
         return study
     answers, thin = {k: _thin_answer(v, rows) for k, v in study.answers.items()}, thin_task(study.task, most)
-    return assemble_study(thin, study.noise, answers, study.waypoints_of_path, study.surroundings.posterior.force)
+    return assemble_study(thin, study.noise, answers, study.waypoints_of_path, study.context.posterior.force)
 
 
 def _thin_answer(answer: OnlineCommand, rows: NDArray[np.int_]) -> OnlineCommand:
@@ -165,7 +165,7 @@ def _thin_answer(answer: OnlineCommand, rows: NDArray[np.int_]) -> OnlineCommand
     return replace(answer, q=answer.q[rows], gain=gain, expected=expected)
 
 
-def _make_worker(task: PlanTask, answer: OnlineCommand, selection: Array, noise: NoiseTable) -> Worker:
+def _prepare_command(task: PlanTask, answer: OnlineCommand, selection: Array, noise: NoiseTable) -> PreparedCommand:
     beta = 0.0 if answer.beta is None else answer.beta
     state = control_equilibrium(task.chain, answer.q, task.wrench, feedback=answer.feedback, beta=beta)
     between = selection.any(axis=0)
@@ -177,7 +177,7 @@ def _make_worker(task: PlanTask, answer: OnlineCommand, selection: Array, noise:
         ]
         offset = (runs[0] - runs[1]).T
     elsewhere = np.abs(answer.q - task.q_start).max() > OTHER_POSTURE
-    return Worker(
+    return PreparedCommand(
         q=np.ascontiguousarray(answer.q.T)[:, None, :],
         gain=None if answer.gain is None else np.ascontiguousarray(np.moveaxis(answer.gain, 0, -1)),
         expected=None if answer.expected is None else np.ascontiguousarray(answer.expected.T)[:, None, :],
@@ -215,8 +215,8 @@ def evaluate_points(study: Study, points: Array) -> ChunkResult:
 
 
 def _evaluate_batch(study: Study, points: Array) -> ChunkResult:
-    cells = sample_robots(study.surroundings, points)
-    distances = np.stack([np.linalg.norm(run_strategy(study, name, cells), axis=0) for name in study.strategies], 1)
+    robots = sample_robots(study.context, points)
+    distances = np.stack([np.linalg.norm(run_strategy(study, name, robots), axis=0) for name in study.strategies], 1)
     cut = distances[:, :, study.cut]
     return ChunkResult(
         rms=np.sqrt((cut**2).mean(axis=2)),
@@ -227,32 +227,32 @@ def _evaluate_batch(study: Study, points: Array) -> ChunkResult:
     )
 
 
-def run_strategy(study: Study, name: str, cells: Cells) -> Array:
+def run_strategy(study: Study, name: str, robots: SampledRobots) -> Array:
     """Simulate a strategy on b sampled robots; return the deviation. Shape (3, b, n). [m]"""
-    worker = study.workers[name]
-    q = np.broadcast_to(worker.q, (len(worker.q), *cells.shift.shape[1:]))
-    if worker.gain is not None and worker.expected is not None:
-        q = worker.q + correct_online(worker.gain, cells.wrench + cells.force - worker.expected)
-    return _cut_part(study, worker, cells, q)
+    command = study.commands[name]
+    q = np.broadcast_to(command.q, (len(command.q), *robots.shift.shape[1:]))
+    if command.gain is not None and command.expected is not None:
+        q = command.q + correct_online(command.gain, robots.wrench + robots.force - command.expected)
+    return _cut_part(study, command, robots, q)
 
 
-def _cut_part(study: Study, worker: Worker, cells: Cells, q: Array) -> Array:
+def _cut_part(study: Study, command: PreparedCommand, robots: SampledRobots, q: Array) -> Array:
     """Simulate a command on b sampled robots; return the deviation. Shape (3, b, n). [m]"""
-    gain = worker.spring_gain[:, None, None]
-    true = q + cells.zero[:, :, None] + gain * cells.drive - gain * cells.motor - (1 - gain) * cells.link
+    gain = command.spring_gain[:, None, None]
+    true = q + robots.zero[:, :, None] + gain * robots.drive - gain * robots.motor - (1 - gain) * robots.link
     b, n = true.shape[1:]
-    scale = feedback_scale(worker.spring_factor[:, None], cells.link_share)
-    factor = np.repeat(cells.factor * scale, n, axis=1)
-    theta = np.tile(worker.theta, (1, b)) * np.repeat(cells.factor, n, axis=1)
-    shift = cells.shift if worker.placements is None else shift_tip(cells.causes, worker.placements)
+    scale = feedback_scale(command.spring_factor[:, None], robots.link_share)
+    factor = np.repeat(robots.factor * scale, n, axis=1)
+    theta = np.tile(command.theta, (1, b)) * np.repeat(robots.factor, n, axis=1)
+    shift = robots.shift if command.placements is None else shift_tip(robots.causes, command.placements)
     found = study.nominal[:, None, :]
     if study.touch is not None:
-        found = found + move_part(study.touch, study.kernel, cells, scale, study.nominal)
-    moved = shift + cells.repeat[:, :, None] + worker.offset[:, None, :] - found
+        found = found + move_part(study.touch, study.kernel, robots, scale, study.nominal)
+    moved = shift + robots.repeat[:, :, None] + command.offset[:, None, :] - found
 
     def attain(wrench: Array) -> Array:
         flat = wrench.reshape(6, -1)
-        tips = settle_tips(study.kernel, true.reshape(len(true), -1), flat, factor, theta)
+        tips = solve_tips(study.kernel, true.reshape(len(true), -1), flat, factor, theta)
         return np.asarray(tips.reshape(3, b, n) + moved)
 
-    return attain(cells.wrench)
+    return attain(robots.wrench)

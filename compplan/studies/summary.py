@@ -31,7 +31,7 @@ LEVEL = 0.95
 
 def _describe_draws(study: Study) -> list[str]:
     """Describe the distributions of robots and noise, and the correlation of the force with the robots."""
-    robot, posterior = study.task.robot, study.surroundings.posterior
+    robot, posterior = study.task.robot, study.context.posterior
     said = [f"robots are drawn from what is known: {robot_uncertainty(robot).source}", *list_assumed(robot)]
     if (force := posterior.force) is None:
         return [*describe_noise(study.noise), *said]

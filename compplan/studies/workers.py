@@ -62,7 +62,7 @@ class Workers:
         if self.workers is not None and self.workers > MOST_WORKERS:
             raise InputError(f"--workers is {self.workers}, at most {MOST_WORKERS}")
         if self.scheduler is not None:
-            ask_scheduler(self.scheduler)
+            check_scheduler(self.scheduler)
 
 
 @contextmanager
@@ -187,7 +187,7 @@ def compute_on_cluster(study: Study, numbers: list[int], points: Callable[[int],
         client.close()
 
 
-def ask_scheduler(scheduler: str) -> None:
+def check_scheduler(scheduler: str) -> None:
     """Check the connection to a scheduler.
 
     Raises:

@@ -32,12 +32,12 @@ from compplan.uncertainty.ladder import (
     POSES,
     PROBE,
     TRACKER_SIGMA,
-    Rung,
-    climb_ladder,
+    MeasurementStep,
     condition,
     pick_places,
+    pose_observability,
     pose_variance,
-    weigh_poses,
+    predict_bands,
 )
 from compplan.uncertainty.motion import Motion, spread_draws
 from compplan.uncertainty.sensitivities import (
@@ -46,8 +46,8 @@ from compplan.uncertainty.sensitivities import (
     measure_force_slopes,
     measure_slopes,
     pick_rows,
+    solve_rows,
     tie_force,
-    unload_model,
 )
 from compplan.uncertainty.touch_off import TouchedPart, subtract_touch
 
@@ -138,7 +138,7 @@ class ErrorBand:
     assumed: tuple[str, ...]  #: Assumptions, one sentence each.
     #: `greatest` and `whole` of the uncorrected program; None if not computed. [m]
     before: tuple[float, float] | None = None
-    ladder: tuple[Rung, ...] = ()  #: Predicted `whole` after further measurements, cheapest first.
+    ladder: tuple[MeasurementStep, ...] = ()  #: Predicted `whole` after further measurements, cheapest first.
     #: Cheapest measurements after which the band keeps the tolerance; empty: none needed or none sufficient.
     cheapest: tuple[str, ...] = ()
     #: Band at its widest row due to each cause alone, by readable name. [m]
@@ -183,7 +183,7 @@ def linearise_path(
     rows = pick_rows(cut, most)
     if motion is not None:
         rows = np.union1d(rows, motion.worst_rows(cut, MOVED))
-    rest = unload_model(scene, rows)
+    rest = solve_rows(scene, rows)
     shared, local = measure_force_slopes(scene, rows, force, rest)
     if part is not None:
         shared = np.concatenate([shared, part[rows]], axis=2)
@@ -258,7 +258,7 @@ def estimate_band(
         everywhere = along + farther + float(written[cut].max(initial=0.0))
         before = (widest + between, max(widest, everywhere) + between)
     load = float(np.linalg.norm(scene.wrench[cut, :3], axis=1).max(initial=0.0))
-    weight = weigh_poses(robot, known.unknowns, load)
+    weight = pose_observability(robot, known.unknowns, load)
     ladder, cheapest = _climb(slopes, known, force, parts, left, whole, between, touchable, tolerance, weight)
     return ErrorBand(
         radius=radius + left,
@@ -283,10 +283,10 @@ def estimate_band(
 def _climb(
     slopes: Slopes, known: Uncertainty, force: ForceSpread, parts: Mapping[str, Array], left: Array, whole: float,
     between: float, touchable: TouchedPart | None, tolerance: float, weight: Array,
-) -> tuple[tuple[Rung, ...], tuple[str, ...]]:  # fmt: skip
+) -> tuple[tuple[MeasurementStep, ...], tuple[str, ...]]:  # fmt: skip
     """Predict the band of the complete cut after further measurements; empty for a path without rows.
 
-    weight: observability of each parameter in poses (`weigh_poses`). Shape (p,).
+    weight: observability of each parameter in poses (`pose_observability`). Shape (p,).
     """
     if not len(slopes.rows):
         return (), ()
@@ -336,7 +336,7 @@ def _climb(
     widened = (whole - between) / max(greatest(()), 1e-12)
     steps = ["poses", "first_part"] + (["touch_off"] if touchable is not None else [])
     steps += ["force_log"] if slopes.shared[:, :, :4].any() else []
-    return climb_ladder(whole, lambda chosen: widened * greatest(chosen) + between, steps, tolerance)
+    return predict_bands(whole, lambda chosen: widened * greatest(chosen) + between, steps, tolerance)
 
 
 def widen_to_path(drawn: Array) -> float:

@@ -33,7 +33,7 @@ COMPLIANCES = ("joint_stiffness", "link_compliance", "base_compliance", LINK_ELA
 
 
 @dataclass(frozen=True)
-class Rung:
+class MeasurementStep:
     """Predicted band after a measurement and all cheaper ones."""
 
     step: str  #: "now", "touch_off", "force_log", "poses" or "first_part".
@@ -60,26 +60,26 @@ DO = {
 }
 
 
-def climb_ladder(
+def predict_bands(
     now: float, band_after: Callable[[Sequence[str]], float], steps: Sequence[str], tolerance: float
-) -> tuple[tuple[Rung, ...], tuple[str, ...]]:
+) -> tuple[tuple[MeasurementStep, ...], tuple[str, ...]]:
     """Return the bands by measurement, and the cheapest set that keeps the tolerance; empty if not needed or possible.
 
     now: band of the complete cut [m], band_after: band after a set of measurements; steps: available measurements.
     """
     steps = sorted(steps, key=lambda step: COSTS[step][0])
-    rungs = [Rung("now", now, now, now <= tolerance, 0.0, "")]
+    ladder = [MeasurementStep("now", now, now, now <= tolerance, 0.0, "")]
     for count, step in enumerate(steps, 1):
         band = band_after(steps[:count])
-        rungs.append(Rung(step, band, band_after([step]), band <= tolerance, *COSTS[step]))
+        ladder.append(MeasurementStep(step, band, band_after([step]), band <= tolerance, *COSTS[step]))
     if now <= tolerance:
-        return tuple(rungs), ()
+        return tuple(ladder), ()
     sets = [chosen for size in range(1, len(steps) + 1) for chosen in combinations(steps, size)]
     sets.sort(key=lambda chosen: sum(COSTS[step][0] for step in chosen))
-    return tuple(rungs), next((chosen for chosen in sets if band_after(chosen) <= tolerance), ())
+    return tuple(ladder), next((chosen for chosen in sets if band_after(chosen) <= tolerance), ())
 
 
-def weigh_poses(robot: Robot, unknowns: Sequence[Unknown], load: float) -> Array:
+def pose_observability(robot: Robot, unknowns: Sequence[Unknown], load: float) -> Array:
     """Return the observability of each parameter in poses, relative to its effect on the path. Shape (p,).
 
     It is zero for parameters that move the complete arm, because the frame of the tracker is unknown. That of a

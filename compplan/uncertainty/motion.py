@@ -80,7 +80,7 @@ class Push(NamedTuple):
     static: Array
 
 
-def swing_arm(
+def simulate_motion(
     dynamics: Dynamics, q: Array, time: Array, moving: Push, held: Push, *, width: float, damping: float, source: str
 ) -> Motion:
     """Simulate the response of sampled arms at joint positions (n, nq) and times (n,) [s] to the load of a motion.
@@ -102,7 +102,7 @@ def swing_arm(
     return Motion(error, answer, moving.static, source)
 
 
-def know_masses(robot: Robot, known: Uncertainty) -> tuple[float, str]:
+def mass_uncertainty(robot: Robot, known: Uncertainty) -> tuple[float, str]:
     """Return the relative standard deviation of masses and compliances together, and the source of the masses."""
     said = str(robot.sources.get("masses", "not stated in the folder"))
     assumed = "assumed" in said or "does not say" in said

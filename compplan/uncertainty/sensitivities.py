@@ -47,7 +47,7 @@ CORRELATION = 0.02
 #: Difference steps: of a parameter with zero deviation [SI], and of the force (relative; rotation in rad).
 TINY, SHARE = 1e-9, 1e-3
 #: Variance added to the correlation matrix of the parameters, against rounding.
-APART = 1e-6
+REGULARISATION = 1e-6
 #: Tolerance of elastic coordinates in equilibria that are subtracted. [rad or m]
 REFINED = 1e-12
 _BY_ROW = ("zero", "drive", "wrench", "joint_load", "growth", "base_twist", "tool_twist", "encoder")
@@ -105,7 +105,7 @@ def tie_force(known: Uncertainty, spread: ForceSpread) -> tuple[Array, Array]:
         return np.zeros((4, factor.shape[1])), np.eye(4)
     width = np.maximum(known.width, 1e-300)
     joint = np.pad(spread.robot, ((0, len(factor) - count), (0, 0))).T / size[:, None] / width
-    tied = joint @ np.linalg.solve(factor @ factor.T + APART * np.eye(len(factor)), factor)
+    tied = joint @ np.linalg.solve(factor @ factor.T + REGULARISATION * np.eye(len(factor)), factor)
     value, vector = np.linalg.eigh(tied @ tied.T)
     # limit the correlation to 1: parameters and force were rounded
     tied = vector @ np.diag(1.0 / np.sqrt(np.maximum(value, 1.0))) @ vector.T @ tied
@@ -130,7 +130,7 @@ def select_model_rows(scene: ForwardModel, rows: NDArray[np.int_]) -> ForwardMod
     return replace(scene, campaign=scene.campaign.take(rows), **parts)
 
 
-def unload_model(scene: ForwardModel, rows: NDArray[np.int_]) -> Attained:
+def solve_rows(scene: ForwardModel, rows: NDArray[np.int_]) -> Attained:
     """Solve the equilibrium of selected rows of a forward model, accurately enough for finite differences."""
     return solve_model_poses(select_model_rows(scene, rows), tolerance=REFINED)
 
@@ -140,9 +140,9 @@ def measure_slopes(
 ) -> Array:
     """Return the derivative of the target by every parameter at rows of a path. Shape (k, 3, p). [m per SI unit]
 
-    rest: result of `unload_model` at the rows, if available.
+    rest: result of `solve_rows` at the rows, if available.
     """
-    rest = rest or unload_model(scene, rows)
+    rest = rest or solve_rows(scene, rows)
     varied, steps = [], []
     for unknown in unknowns:
         for k, deviation in enumerate(unknown.deviation):
@@ -165,7 +165,7 @@ def measure_force_slopes(
     here = select_model_rows(scene, rows)
     if not here.wrench.any():
         return np.zeros((len(rows), 3, 4)), np.zeros((len(rows), 3, 1))
-    rest = rest or unload_model(scene, rows)
+    rest = rest or solve_rows(scene, rows)
     turns = [turn_wrench(here.wrench, Rotation.from_rotvec(SHARE * axis)) for axis in np.eye(3)]
     pushed = [replace(here, wrench=wrench) for wrench in (here.wrench * (1.0 + SHARE), *turns)]
     moved = attain_positions(pushed, tolerance=REFINED, theta=rest.theta)

@@ -145,7 +145,7 @@ def locate_touching(robot: Robot, q: Array) -> Array:
     return locate_loaded(build_chain(robot), q, still, tolerance=1e-12)[0]
 
 
-def stage_touch(touched: TouchedPart) -> ForwardModel:
+def build_touch_model(touched: TouchedPart) -> ForwardModel:
     """Build the forward model of the robot at the touched points, at rest and without process force."""
     return build_path_model(rest_robot(touched.robot), touched.q, np.zeros((len(touched.q), 6)))
 
@@ -163,5 +163,5 @@ def subtract_touch(model: Array, position: Array, touched: TouchedPart | None, u
     """
     if touched is None or not model.shape[2]:
         return model
-    at = measure_slopes(stage_touch(touched), unknowns, np.arange(len(touched.q)))
+    at = measure_slopes(build_touch_model(touched), unknowns, np.arange(len(touched.q)))
     return np.asarray(model - touched.follow(at * is_lasting(unknowns), position))

@@ -21,7 +21,7 @@ from compplan.diagnosis.results.next_measurement import (
 from compplan.effects import Effect
 from compplan.effects.frame_shift import shift_at
 from compplan.measurement.campaign import Campaign
-from compplan.measurement.pose_selection import explain_rows, odds_gains, settle_choice, take_greedily
+from compplan.measurement.pose_selection import exchange_choice, explain_rows, odds_gains, take_greedily
 from compplan.robot import Robot, load_robot
 from tests.effects.test_effects_signatures import make_linearization
 
@@ -66,7 +66,7 @@ def test_what_moves_tell_of_two_explanations_is_the_ratio_of_their_likelihoods_i
     def worth(taken: list[int]) -> np.ndarray:
         return odds_gains(*explain_rows(mean, covariance, rows[taken], 1.0), rows)
 
-    chosen = settle_choice(worth, take_greedily(worth, 2))
+    chosen = exchange_choice(worth, take_greedily(worth, 2))
     best = max(itertools.combinations(range(5), 2), key=told)
     assert {number for number, _ in chosen} == set(best)
     assert sum(added for _, added in chosen) == pytest.approx(told(best))

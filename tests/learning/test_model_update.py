@@ -19,7 +19,7 @@ from compplan.learning.measured_path import match_points
 from compplan.learning.model_update import learn_part
 from compplan.learning.part import LearnedPart, build_learned, learn_from_part
 from compplan.learning.representable import Residual, fit_representable
-from compplan.learning.transfer import state_own
+from compplan.learning.transfer import build_part_terms
 from compplan.measurement.part_points import read_measured_points
 from compplan.reporting.learn import write_learning
 from compplan.robot import load_robot
@@ -137,7 +137,7 @@ def test_a_part_off_as_a_whole_moves_the_program_by_what_is_expected_to_repeat()
     eye = np.tile(np.eye(3), (k, 1, 1))
     for off in (8e-5, 2e-5):
         seen = Gathered(np.arange(k), noise + np.array([0.0, off, 0.0]), eye, np.full(k, 1e-10), np.ones(k, int))
-        own = state_own(NoiseTable(), tip[0], slopes, ForceSpread(0.0, 0.0, 0.0, "none"), fitted=False)
+        own = build_part_terms(NoiseTable(), tip[0], slopes, ForceSpread(0.0, 0.0, 0.0, "none"), fitted=False)
         model_update = learn_part(slopes, known, seen, lambda values, force: np.tile(values, (k, 1)), own)
         assert model_update.taken
         assert ("by chance" in model_update.reason) == (off < 5e-5)
@@ -216,7 +216,7 @@ def test_the_residual_is_taken_off_the_path_and_joints_csv_is_held_against_what_
     path = np.stack([np.interp(rows, np.arange(len(nominal)), column) for column in nominal.position.T], axis=1)
     assert task.position == pytest.approx(path - [1e-3, 0.0, 0.0], abs=1e-9)
     model_update = SimpleNamespace(after=SimpleNamespace(task=task), path=nominal, residual=left)
-    assert LearnedPart.wanted.__get__(model_update) == pytest.approx(path, abs=1e-9)
+    assert LearnedPart.nominal.__get__(model_update) == pytest.approx(path, abs=1e-9)
 
 
 def test_a_second_part_is_learned_with_the_first(small_job: Job, tmp_path: Path) -> None:

@@ -14,8 +14,8 @@ from compplan.errors import InputError
 from compplan.job.job import load_job
 from compplan.learning import candidates as contacts
 from compplan.learning.campaign import add_places, design_campaign
-from compplan.learning.candidates import bring_tips, find_postures, find_touching, list_candidates, list_fixtures
-from compplan.learning.design import Design, choose_measurements, first_visits, grade_choice, order_poses
+from compplan.learning.candidates import find_postures, find_touching, list_candidates, list_fixtures, solve_tips
+from compplan.learning.design import Design, choose_measurements, evaluate_choice, locating_rows, order_poses
 from compplan.measurement.equipment import Equipment
 from compplan.measurement.instrument import read_instrument
 from compplan.measurement.observations import CONTACT
@@ -66,9 +66,9 @@ def test_designed_poses_beat_random_ones_and_never_widen_the_band() -> None:
     assert (postures < robot.upper).all()
     candidates = list_candidates(robot, postures, [0.0, 100.0], 300.0, design.known.unknowns)
     choice = choose_measurements(design, candidates, 6)
-    rows = design.rows(candidates.slopes, candidates.tip, candidates.rotation, candidates.sights)
+    rows = design.rows(candidates.slopes, candidates.tip, candidates.rotation, candidates.observations)
     drawn = [np.random.default_rng(seed).choice(len(rows), size=6, replace=False) for seed in range(9)]
-    chance = [grade_choice(design, rows, picked.tolist(), design.start).rms[-1] for picked in drawn]
+    chance = [evaluate_choice(design, rows, picked.tolist(), design.start).rms[-1] for picked in drawn]
     assert (np.diff(choice.rms) <= 1e-12).all()
     assert choice.rms[-1] < min(chance)
     after = design.known.with_covariance(choice.covariance)
@@ -145,25 +145,25 @@ def test_poses_for_an_instrument_without_positions_meet_its_places_and_narrow_th
     robot = load_robot("kuka_kr270")
     postures = find_postures(robot, q, 0.5, None, seed=1, kept=150)
     middle = locate_frames(build_chain(robot), q).tcp_position.mean(axis=0)
-    found, sights = find_touching(robot, postures, middle, 0.5, instrument, 3, 0.2, None)
+    found, observations = find_touching(robot, postures, middle, 0.5, instrument, 3, 0.2, None)
     tip = locate_frames(build_chain(robot), found).tcp_position
-    for number in range(len(sights.names)):
-        away = np.ptp(tip[sights.contact == number], axis=0)
+    for number in range(len(observations.names)):
+        away = np.ptp(tip[observations.contact == number], axis=0)
         assert (away < 1e-8).all(), away
     candidates = list_candidates(robot, found, [0.0, 100.0], 300.0, design.known.unknowns)
-    candidates = replace(candidates, sights=sights.repeat(len(candidates) // len(found)))
-    design, start = add_places(design, design.start, sights, tip, 12)
+    candidates = replace(candidates, observations=observations.repeat(len(candidates) // len(found)))
+    design, start = add_places(design, design.start, observations, tip, 12)
     choice = choose_measurements(design, candidates, 30, start)
     assert choice.rms[-1] < 0.9 * choice.rms[0] and (np.diff(choice.rms) <= 1e-12).all()
-    first = first_visits(candidates)
-    assert len(first) == len(sights.names)
+    first = locating_rows(candidates)
+    assert len(first) == len(observations.names)
     assert choice.rms[len(first)] == pytest.approx(choice.rms[0], rel=2e-3)
-    stands = list_fixtures(instrument, sights, tip)
-    assert [stand.label for stand in stands] == list(sights.names)
+    stands = list_fixtures(instrument, observations, tip)
+    assert [stand.label for stand in stands] == list(observations.names)
     for number, stand in enumerate(stands):
-        off = np.linalg.norm(tip[sights.contact == number] - stand.place, axis=1)
+        off = np.linalg.norm(tip[observations.contact == number] - stand.place, axis=1)
         assert off.max() < 1e-6
-    free = replace(candidates, sights=None)
+    free = replace(candidates, observations=None)
     plain, _ = make_design(("tool",))
     assert choose_measurements(plain, free, 30).rms[-1] < choice.rms[-1]
 
@@ -176,12 +176,12 @@ def test_sockets_are_put_up_elsewhere_where_the_arm_does_not_meet_a_place(monkey
 
     def place(low: float) -> np.ndarray:
         def bring(robot: Robot, q: np.ndarray, wanted: np.ndarray) -> np.ndarray:
-            return bring_tips(robot, q, wanted)[: 2 if np.linalg.norm(wanted[0] - middle) <= low else None]
+            return solve_tips(robot, q, wanted)[: 2 if np.linalg.norm(wanted[0] - middle) <= low else None]
 
-        monkeypatch.setattr(contacts, "bring_tips", bring)
-        found, sights = find_touching(robot, postures, middle, 0.5, "sockets", 2, 0.0, None)
+        monkeypatch.setattr(contacts, "solve_tips", bring)
+        found, observations = find_touching(robot, postures, middle, 0.5, "sockets", 2, 0.0, None)
         tip = locate_frames(build_chain(robot), found).tcp_position
-        return np.array([tip[sights.contact == k][0] for k in range(2)])
+        return np.array([tip[observations.contact == k][0] for k in range(2)])
 
     away = np.linalg.norm(place(0.0)[0] - middle)
     moved = np.linalg.norm(place(1.01 * away) - middle, axis=1)
@@ -202,15 +202,15 @@ def test_a_campaign_for_sockets_writes_a_log_that_is_read_and_counts(small_job, 
     assert "instrument.toml" in (told := answer.out)
     robot = load_robot("kuka_kr270")
     log = read_campaign(out / "campaign.csv", robot, read_instrument(out / "instrument.toml"))
-    assert log.sights is not None and len(log.sights.names) == 6 and len(log.sights.known) == 3
-    assert log.usable.sum() == 25 and (log.sights.kind[log.usable] == CONTACT).all()
-    assert np.bincount(log.sights.contact[log.usable]).min() >= 2
+    assert log.observations is not None and len(log.observations.names) == 6 and len(log.observations.known) == 3
+    assert log.usable.sum() == 25 and (log.observations.kind[log.usable] == CONTACT).all()
+    assert np.bincount(log.observations.contact[log.usable]).min() >= 2
     again = [*words[:-1], tmp_path / "next", "--log", out / "campaign.csv", "--instrument", out / "instrument.toml"]
     assert run_command(again, monkeypatch, capsys).status == 0
     first, second = (json.loads((f / "campaign.json").read_text("utf-8")) for f in (out, tmp_path / "next"))
     assert second["error_band_mm"]["p95_max_now"] == pytest.approx(first["error_band_mm"]["p95_max_after"], rel=0.1)
     stands = first["stands"]
-    assert sorted(stand["label"] for stand in stands) == sorted(log.sights.names)
+    assert sorted(stand["label"] for stand in stands) == sorted(log.observations.names)
     assert all(f"put up {stand['says']}" in told for stand in stands)
     assert "Where it stands" in (out / "report.html").read_text("utf-8")
     assert np.linalg.norm(np.subtract(stands[0]["position_mm"], stands[1]["position_mm"])) == pytest.approx(200, abs=3)

@@ -18,7 +18,7 @@ from compplan.job.noise import NoiseTable
 from compplan.learning.gathered_points import Gathered
 from compplan.learning.model_update import learn_part
 from compplan.learning.representable import add_effect, apply_update
-from compplan.learning.transfer import choose_transfer, learn_force, state_own
+from compplan.learning.transfer import build_part_terms, choose_transfer, learn_force
 from compplan.process.force_models.constant import ConstantProcess
 from compplan.process.learned_force import (
     FILE,
@@ -115,7 +115,7 @@ def test_a_lesson_says_how_force_and_robot_go_together() -> None:
     seen = np.tile([0.0, 3e-4, 0.0], (k, 1)) + 1e-6 * np.random.default_rng(2).standard_normal((k, 3))
     gathered = Gathered(np.arange(k), seen, np.tile(np.eye(3), (k, 1, 1)), np.full(k, 1e-12), np.ones(k, int))
     spread = ForceSpread(0.15, 0.05, 0.0, "assumed", 0.0)
-    own = state_own(NoiseTable(), slopes.tip[0], slopes, spread, fitted=False)
+    own = build_part_terms(NoiseTable(), slopes.tip[0], slopes, spread, fitted=False)
 
     def exact(values: np.ndarray, force: np.ndarray) -> np.ndarray:
         return slopes.model @ values + slopes.shared @ force
@@ -143,7 +143,7 @@ def test_a_direction_that_a_turned_part_taught_stands_in_the_axes_that_its_force
     turned = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
     own = SimpleNamespace(own=SimpleNamespace(ratio=0.0))
     model_update = SimpleNamespace(force=np.array([0.2, 1.0, 0.5, -0.3]), force_covariance=1e-4 * np.eye(4), model=own,
-                             own=np.zeros(1), own_spread=0.1, cross=np.array([[0.0, 3e-6, 0.0, 0.0]]))  # fmt: skip
+                             own=np.zeros(1), part_spread=0.1, cross=np.array([[0.0, 3e-6, 0.0, 0.0]]))  # fmt: skip
     push = PUSH.model_copy(update={"frame": frame})
     force, _ = learn_force(model_update, ForceSpread(0.15, 0.05, 0.0, "assumed"), None, push, turned, "circle",
                            np.ones(1, bool))  # fmt: skip
@@ -201,7 +201,7 @@ def test_stretches_that_were_left_out_say_what_travels(lift: float, push: float,
     seen = slopes.model[:, :, 0] * lift + np.array([0.0, push, 0.0]) + 3e-6 * rng.standard_normal((k, 3))
     gathered = Gathered(np.arange(k), seen, np.tile(np.eye(3), (k, 1, 1)), np.full(k, 9e-12), np.ones(k, int))
     spread = ForceSpread(np.hypot(0.15, 0.07), 0.05, 0.0, "assumed", 0.07)
-    own = state_own(NoiseTable(), slopes.tip[0], slopes, spread, fitted=False)
+    own = build_part_terms(NoiseTable(), slopes.tip[0], slopes, spread, fitted=False)
 
     def exact(values: np.ndarray, force: np.ndarray) -> np.ndarray:
         return slopes.model @ values + slopes.shared @ force

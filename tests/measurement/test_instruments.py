@@ -141,10 +141,10 @@ def test_a_turned_instrument_reads_along_its_own_axes(robot: Robot, tmp_path: Pa
     (tmp_path / "gauge.toml").write_text(said)
     rows = [f"static,g,{k},2,3,4,5,6,1,0,0,5" for k in range(1, 13)]
     log = write_log(tmp_path / "gauge.csv", f"run,contact,{JOINTS},dir_i,dir_j,dir_k,reading_mm", rows)
-    sights = read_campaign(log, robot, read_instrument(tmp_path / "gauge.toml")).sights
-    assert sights is not None
-    np.testing.assert_allclose(sights.direction, np.tile([0.0, 1.0, 0.0], (12, 1)), atol=1e-12)
-    np.testing.assert_allclose(sights.origin, np.tile([0.1, 0.0, 0.0], (12, 1)))
+    observations = read_campaign(log, robot, read_instrument(tmp_path / "gauge.toml")).observations
+    assert observations is not None
+    np.testing.assert_allclose(observations.direction, np.tile([0.0, 1.0, 0.0], (12, 1)), atol=1e-12)
+    np.testing.assert_allclose(observations.origin, np.tile([0.1, 0.0, 0.0], (12, 1)))
 
 
 def test_a_number_along_one_direction_has_its_own_noise_and_not_that_of_three() -> None:
@@ -153,12 +153,12 @@ def test_a_number_along_one_direction_has_its_own_noise_and_not_that_of_three() 
     unit = np.repeat(rng.normal(size=(stays, 3)), 3, axis=0)
     unit /= np.linalg.norm(unit, axis=1)[:, None]
     n = len(unit)
-    sights = Observations(
+    observations = Observations(
         np.full(n, READING), np.repeat(np.arange(stays) % 40, 3), tuple(f"g{k}" for k in range(40)), np.zeros((n, 3)),
         unit, rng.normal(0.0, SIGMA, n),
     )  # fmt: skip
     q = np.repeat(rng.uniform(-1.0, 1.0, (stays, 6)), 3, axis=0)
-    campaign = replace(command_campaign(q, on_path=False), sights=sights)
+    campaign = replace(command_campaign(q, on_path=False), observations=observations)
     attained = SimpleNamespace(position=np.zeros((n, 3)), rotation=np.tile(np.eye(3), (n, 1, 1)))
     noise = estimate_noises(campaign, attained)["position"]  # type: ignore[arg-type]
     assert noise.sigma == pytest.approx(SIGMA, rel=0.08)
@@ -200,7 +200,7 @@ def test_a_known_distance_is_as_sure_as_its_file_says_or_a_caliper(robot: Robot,
     log, file = write_log(tmp_path / "log.csv", f"run,contact,{JOINTS}", rows), tmp_path / "known.toml"
     for said, sigma in (("sigma_mm = 0.3", 3e-4), ("", 2e-5)):
         file.write_text(f'schema = 1\n[[distance]]\nbetween = ["0", "1"]\nmm = 50.0\n{said}\n')
-        known = read_campaign(log, robot, read_instrument(file)).sights.known
+        known = read_campaign(log, robot, read_instrument(file)).observations.known
         assert (known.length.item(), known.sigma.item()) == pytest.approx((0.05, sigma))
 
 
@@ -264,16 +264,16 @@ def test_places_that_few_rows_stand_at_are_dropped_or_refused_in_one_line(robot:
     head, *rows = log.read_text().splitlines()
     write_log(log, head, [*rows, rows[0].rpartition(",")[0] + ","])
     campaign = read_campaign(log, robot, read_instrument(instrument))
-    assert campaign.sights is not None and campaign.sights.names == ("c0", "c2")
+    assert campaign.observations is not None and campaign.observations.names == ("c0", "c2")
     assert campaign.usable.tolist() == [True] * 9 + [False] * 3 + [True] * 4 + [False]
-    assert campaign.sights.contact[campaign.usable].tolist() == [0] * 9 + [1] * 4
+    assert campaign.observations.contact[campaign.usable].tolist() == [0] * 9 + [1] * 4
     assert [note for note in campaign.notes if "one direction a row" in note]
     assert [note for note in campaign.notes if "contact 'c1' is in 3 rows, expected at least 4" in note]
     with pytest.raises(InputError, match="contact 'c0' is in 2 rows, expected at least 4"):
         read_campaign(*thin_bar_log(robot, tmp_path, (2, 3, 1))[:1], robot)
     gauges, _ = gauge_log(robot, tmp_path)
     head, *rows = gauges.read_text().splitlines()
-    seen = read_campaign(write_log(gauges, head, [*rows[:12], rows[30]]), robot).sights
+    seen = read_campaign(write_log(gauges, head, [*rows[:12], rows[30]]), robot).observations
     assert seen is not None and seen.names == ("g0",)
 
 

@@ -17,7 +17,7 @@ from montecarlo_cases import small_study
 
 from compplan.errors import InputError
 from compplan.studies.runner import Settings, run_study
-from compplan.studies.workers import Workers, ask_scheduler, compute_on_cluster
+from compplan.studies.workers import Workers, check_scheduler, compute_on_cluster
 
 ENVIRONMENT = {**os.environ, "OMP_NUM_THREADS": "1", "DASK_DISTRIBUTED__WORKER__PROFILE__ENABLED": "False"}
 
@@ -106,7 +106,7 @@ def test_a_scheduler_that_does_not_answer_is_named(monkeypatch: pytest.MonkeyPat
 def test_a_scheduler_without_dask_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(InputError, match=r'pip install "compplan\[cluster\]"'):
-        ask_scheduler("tcp://127.0.0.1:8786")
+        check_scheduler("tcp://127.0.0.1:8786")
 
 
 def test_a_worker_with_other_versions_is_named_before_anything_is_computed(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -21,7 +21,7 @@ from compplan.simulation.exact import build_exact_robot, solve_exact_pose
 from compplan.statics.chain import build_chain
 from compplan.statics.elastic import solve_equilibrium
 from compplan.studies import study as judging
-from compplan.studies.kernel import build_kernel, settle_tips
+from compplan.studies.kernel import build_kernel, solve_tips
 from compplan.studies.posterior import count_coordinates
 from compplan.studies.sampling import draw_points, sample_robots
 from compplan.studies.study import Study, prepare_study, run_strategy
@@ -54,7 +54,7 @@ def test_the_kernel_agrees_with_the_pinocchio_judge_to_a_nanometre(name: str) ->
     level = 100.0 if name == "ur10" else 800.0
     wrench = RNG.normal(size=(40, 6)) * level * np.array([1, 1, 1, 0.1, 0.1, 0.1])
     start = np.zeros((chain.n_springs, 40))
-    tips = settle_tips(build_kernel(chain), q.T, wrench.T, np.ones_like(start), start)
+    tips = solve_tips(build_kernel(chain), q.T, wrench.T, np.ones_like(start), start)
     evaluated, _, _ = solve_exact_pose(build_exact_robot(robot), q, wrench)
     assert np.abs(tips.T - evaluated).max() < 1e-9
 
@@ -65,13 +65,13 @@ def test_a_load_beyond_buckling_is_refused() -> None:
     start = np.zeros((task.chain.n_springs, n))
     wrench = np.tile([0, 0, -4e6, 0, 0, 0.0], (n, 1)).T
     with pytest.raises(ConvergenceError, match="buckling"):
-        settle_tips(build_kernel(task.chain), task.q_start[:n].T, wrench, np.ones_like(start), start)
+        solve_tips(build_kernel(task.chain), task.q_start[:n].T, wrench, np.ones_like(start), start)
 
 
 def test_in_a_cell_without_faults_every_exact_strategy_leaves_nothing() -> None:
     study = cone_study()
-    cells = noise_free_robots(study, np.ones(1), np.ones(1))
-    left = {name: np.linalg.norm(run_strategy(study, name, cells), axis=0)[0, study.cut] for name in study.strategies}
+    robots = noise_free_robots(study, np.ones(1), np.ones(1))
+    left = {name: np.linalg.norm(run_strategy(study, name, robots), axis=0)[0, study.cut] for name in study.strategies}
     for name in ("iterated_mirror", "nlp", "force_sensor"):
         assert left[name].max() < 5e-8, name
     assert left["mirror"].max() < 0.05 * left["none"].max()  # of the second order
@@ -82,8 +82,8 @@ def test_a_sensor_strategy_answers_as_exactly_as_its_solved_equation() -> None:
     from compplan.planning.strategies import iterated_mirror
 
     study, task = cone_study(), cone_study().task
-    cells = noise_free_robots(study, np.ones(1), np.array([1.2]))
-    deviation = run_strategy(study, "force_sensor", cells)[:, 0, study.cut]
+    robots = noise_free_robots(study, np.ones(1), np.array([1.2]))
+    deviation = run_strategy(study, "force_sensor", robots)[:, 0, study.cut]
     exact = iterated_mirror.command_path(replace(task, wrench=1.2 * task.wrench)).q
     reached = solve_equilibrium(task.chain, exact, 1.2 * task.wrench).position - task.position
     assert np.abs(reached[study.cut]).max() < 1e-8
@@ -100,23 +100,23 @@ def test_every_key_of_the_noise_spreads_what_it_names_by_its_own_size() -> None:
         link_share=0.05, part_frame_mm=0.6, part_frame_deg=0.07, wrench_level=0.1, wrench_direction_deg=2.0,
         wrench_path=0.0, temperature_K=5.0, force_noise_N=40.0,
     )  # fmt: skip
-    at = prepare_study(cone_task(), noise, ["none"], most_waypoints=12).surroundings
-    cells, degree, mm = sample_robots(at, draw_points(at.factors, 5, 1, range(400))), np.pi / 180, 1e-3
-    rest, unsure = cells.causes, at.link_share > 0.0
+    at = prepare_study(cone_task(), noise, ["none"], most_waypoints=12).context
+    robots, degree, mm = sample_robots(at, draw_points(at.factors, 5, 1, range(400))), np.pi / 180, 1e-3
+    rest, unsure = robots.causes, at.link_share > 0.0
     wanted = {
-        "link share": (spread((cells.link_share - at.link_share[:, None])[unsure]), 0.05),
+        "link share": (spread((robots.link_share - at.link_share[:, None])[unsure]), 0.05),
         "growth": (spread(rest[0]), 5.0 * 1.2e-5),
         "part, place": (spread(rest[1:4]), 0.6 * mm),
         "part, turn": (spread(rest[4:7]), 0.07 * degree),
-        "motor": (spread(np.array(cells.motor)), 0.0003 * degree),
-        "link": (spread(np.array(cells.link)), 0.0008 * degree),
-        "force": (spread(cells.force[:3]), np.hypot(40.0, 100.0)),  # the gain adds little
-        "moment": (spread(cells.force[3:]), np.hypot(2.0, 10.0)),
+        "motor": (spread(np.array(robots.motor)), 0.0003 * degree),
+        "link": (spread(np.array(robots.link)), 0.0008 * degree),
+        "force": (spread(robots.force[:3]), np.hypot(40.0, 100.0)),  # the gain adds little
+        "moment": (spread(robots.force[3:]), np.hypot(2.0, 10.0)),
     }
     for name, (found, size) in wanted.items():
         assert found == pytest.approx(size, rel=0.05), name
     most = int(np.linalg.norm(at.wrench[:3], axis=0).argmax())
-    force, drawn = at.wrench[:3, most], cells.wrench[:3, :, most].T
+    force, drawn = at.wrench[:3, most], robots.wrench[:3, :, most].T
     length = np.linalg.norm(force)
     assert spread(np.linalg.norm(drawn, axis=1) / length - 1.0) == pytest.approx(0.1, rel=0.05)
     across = np.cross(force / length, drawn / np.linalg.norm(drawn, axis=1, keepdims=True))
@@ -133,10 +133,10 @@ def study() -> Study:
 
 def tips(study: Study, z: np.ndarray) -> np.ndarray:
     """Return the tips of robots at coordinates z (b, r), everything else at its mean. Shape (b, n, 3). [m]"""
-    columns = study.surroundings.factors.columns
-    points = np.full((len(z), study.surroundings.factors.size), 0.5)
+    columns = study.context.factors.columns
+    points = np.full((len(z), study.context.factors.size), 0.5)
     points[:, columns["posterior"]] = ndtr(z)
-    return np.moveaxis(run_strategy(study, "none", sample_robots(study.surroundings, points)), 0, -1)
+    return np.moveaxis(run_strategy(study, "none", sample_robots(study.context, points)), 0, -1)
 
 
 def test_a_drawn_robot_moves_the_tip_as_the_exact_equilibrium_of_its_parameters_does(study: Study) -> None:
@@ -189,11 +189,11 @@ def test_a_force_that_was_taught_with_the_robot_goes_with_it_in_samples_too(monk
     task = build_task(replace(robot, uncertainty=known), nominal, options)
     rest = {key: value for key, value in REST.items() if key not in ("wrench_level", "wrench_direction_deg")}
     study = prepare_study(task, NoiseTable(**rest), ["none"], force=force)
-    columns = study.surroundings.factors.columns
-    points = np.full((3, study.surroundings.factors.size), 0.5)
+    columns = study.context.factors.columns
+    points = np.full((3, study.context.factors.size), 0.5)
     points[1:, columns["posterior"].start] = ndtr(1.5)  # one deviation and a half softer
     points[2:, columns["wrench_level"]] = ndtr(1.0)
-    seen = np.moveaxis(run_strategy(study, "none", sample_robots(study.surroundings, points)), 0, -1)
+    seen = np.moveaxis(run_strategy(study, "none", sample_robots(study.context, points)), 0, -1)
     scene = build_path_model(task.robot, task.q_start, task.wrench, task.step_time)
     alone = np.sqrt(1.0 - 0.9**2)
     for row, (softer, level) in enumerate([(0.0, 0.0), (1.5, -0.9 * 1.5), (1.5, -0.9 * 1.5 + alone)]):
@@ -213,17 +213,17 @@ def test_a_spread_of_the_robot_in_the_job_is_refused_in_one_line(key: str) -> No
 def test_joints_that_are_held_at_the_link_feel_no_drive_and_no_motor_encoder(monkeypatch: pytest.MonkeyPatch) -> None:
     """q = command + zero + g (drive - motor's encoder) - (1 - g) link's encoder; g is 1 at the motor, 0 at the link."""
     one = np.ones((2, 1, 3))
-    worker = SimpleNamespace(
+    command = SimpleNamespace(
         spring_gain=np.array([1.0, 0.0]), spring_factor=np.ones(1), theta=np.zeros((1, 3)), placements=None,
         offset=np.zeros((3, 3)),
     )  # fmt: skip
-    cells = SimpleNamespace(
+    robots = SimpleNamespace(
         zero=np.array([[0.1], [0.2]]), drive=5.0 * one, motor=2.0 * one, link=0.5 * one, factor=np.ones((1, 1)),
         link_share=np.zeros((1, 1)),
         shift=np.zeros((3, 1, 3)), repeat=np.zeros((3, 1)), wrench=np.zeros((6, 1, 3)),
     )  # fmt: skip
     asked = []
-    monkeypatch.setattr(judging, "settle_tips", lambda kernel, q, *rest: asked.append(q) or np.zeros((3, 3)))
+    monkeypatch.setattr(judging, "solve_tips", lambda kernel, q, *rest: asked.append(q) or np.zeros((3, 3)))
     study = SimpleNamespace(kernel=None, nominal=np.zeros((3, 3)), touch=None)
-    judging._cut_part(study, worker, cells, np.zeros((2, 1, 3)))  # type: ignore[arg-type]
+    judging._cut_part(study, command, robots, np.zeros((2, 1, 3)))  # type: ignore[arg-type]
     assert asked[0][:, 0] == pytest.approx([0.1 + 5.0 - 2.0, 0.2 - 0.5])

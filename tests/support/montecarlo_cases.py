@@ -11,7 +11,7 @@ from compplan.job.noise import NoiseTable
 from compplan.planning.plan import build_task, prepare_job
 from compplan.planning.task import PlanTask
 from compplan.robot import Array
-from compplan.studies.sampling import Cells
+from compplan.studies.sampling import SampledRobots
 from compplan.studies.study import Study, prepare_study
 
 
@@ -52,13 +52,13 @@ def small_study() -> Study:
     return prepare_study(cone_task(), NoiseTable(), ["none", "secondary_encoder"], most_waypoints=12)
 
 
-def noise_free_robots(study: Study, compliance: Array, level: Array) -> Cells:
-    """Make cells without noise, with all compliances and the wrench times factors. Shape (b,) each."""
-    at, b, n = study.surroundings, len(compliance), len(study.task)
+def noise_free_robots(study: Study, compliance: Array, level: Array) -> SampledRobots:
+    """Make robots without noise, with all compliances and the wrench times factors. Shape (b,) each."""
+    at, b, n = study.context, len(compliance), len(study.task)
     nq = at.nq
     still, rest = np.zeros((nq, b, n)), np.zeros((3, b, n))
     wrench = at.wrench[:, None, :] * level[:, None]
-    return Cells(
+    return SampledRobots(
         factor=np.tile(compliance, (len(at.link_share), 1)),
         link_share=np.repeat(at.link_share[:, None], b, axis=1),
         zero=np.zeros((nq, b)),

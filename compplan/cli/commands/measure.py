@@ -84,7 +84,7 @@ def run_identify(
     held = len(summary["unidentifiable"])
     notes = list_compliances(summary)
     notes += [f"note: {held} parameters cannot be determined, see the report"] if held else []
-    notes += [*(f"note: {note}" for note in summary["notes"]), *list_notes(campaign.notes)]
+    notes += dict.fromkeys([*(f"note: {note}" for note in summary["notes"]), *list_notes(campaign.notes)])
     files = ["identify.json", "report.html", "robot"]
     return CommandResult(summary, open_identification(summary).format(folder, files, notes))
 
@@ -237,7 +237,7 @@ def run_campaign(
         campaign = design_campaign(plan, equipment, count, known, announce)
         announce("report")
         summary = write_campaign(campaign, folder)
-    notes = [*(f"put up {stand.says}" for stand in campaign.stands), *campaign.notes]
+    notes = [*(f"put up {fixture.instruction}" for fixture in campaign.fixtures), *campaign.notes]
     if len(campaign.touching):
         poses = ", ".join(str(k + 1) for k in campaign.touching)
         notes.append(f"the way to pose {poses} touches something: go around")

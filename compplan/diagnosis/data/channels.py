@@ -122,12 +122,10 @@ def build_channels(
         rows = np.flatnonzero(use & ~campaign.link_controlled & np.isfinite(seen[:, read]).all(1) & read.any())
         channels.append(Channel("encoder", rows, np.where(read, seen, 0.0)[rows], block[rows], noises["encoder"]))
     frames = scene.registration
-    if "distance" in noises and campaign.sights is not None and frames is not None and CONTACTS in frames.parts:
-        known = campaign.sights.known
+    if "distance" in noises and campaign.observations is not None and frames is not None and CONTACTS in frames.parts:
+        known, first = campaign.observations.known, campaign.observations.first_rows()
         gap = known.gap(frames.places) * noises["distance"].sigma / known.sigma
-        channels.append(
-            Channel("distance", campaign.sights.first_rows(), gap[:, None], np.arange(len(known)), noises["distance"])
-        )
+        channels.append(Channel("distance", first, gap[:, None], np.arange(len(known)), noises["distance"]))
     return tuple(channel for channel in channels if len(channel.rows))
 
 
@@ -146,8 +144,8 @@ def estimate_noises(
     if direction is not None:
         # one value in three axes: scaled to its variance per axis
         gap[np.isfinite(direction).all(axis=1)] *= np.sqrt(3.0)
-    if campaign.sights is not None and len(campaign.sights.known):
-        mean = float(np.sqrt(np.mean(campaign.sights.known.sigma**2)))
+    if campaign.observations is not None and len(campaign.observations.known):
+        mean = float(np.sqrt(np.mean(campaign.observations.known.sigma**2)))
         noises["distance"] = Noise(mean, NOISE.stated, "sigma of the known distances")
     noises["position"] = estimate_noise(campaign, gap, campaign.sigma, "position", repeatability)
     if campaign.rotation is not None:

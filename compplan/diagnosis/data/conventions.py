@@ -37,7 +37,7 @@ def find_conventions(robot: Robot, campaign: Campaign, register: tuple[str, ...]
     if not len(rows):
         return ()
     part = campaign.take(rows[:: max(1, len(rows) // SAMPLE)])
-    part = replace(part, link=None, motor=None, sights=None)
+    part = replace(part, link=None, motor=None, observations=None)
     found: list[Effect] = []
     gap = typical_gap(robot, part, register, found)
     while gap > SUSPICIOUS:

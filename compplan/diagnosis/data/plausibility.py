@@ -98,17 +98,17 @@ def check_plausibility(robot: Robot, campaign: Campaign, register: Sequence[str]
 def build_rows_model(robot: Robot, campaign: Campaign) -> CheckedRows:
     """Select rows with joints and position, thinned, and compute the predictions of the nominal robot."""
     index = np.flatnonzero(campaign.usable & campaign.measured)
-    part = replace(campaign.take(index[:: max(1, len(index) // SAMPLE)]), link=None, motor=None, sights=None)
+    part = replace(campaign.take(index[:: max(1, len(index) // SAMPLE)]), link=None, motor=None, observations=None)
     attained = solve_model_poses(build_model(robot, part))
     return CheckedRows(part, attained.position, attained.rotation)
 
 
 def check_sights(robot: Robot, campaign: Campaign, register: Sequence[str]) -> Question | None:
     """Check rows of other instruments for consistency: labels, units, directions, an unknown tool."""
-    if campaign.sights is None or not campaign.sights.seen.any():
+    if campaign.observations is None or not campaign.observations.observed.any():
         return None
     attained = solve_model_poses(apply_effects(build_model(robot, campaign), robot_effects(robot)))
-    rows = campaign.sights.seen & campaign.usable
+    rows = campaign.observations.observed & campaign.usable
 
     def leave(parts: Sequence[str], turned: Campaign) -> float:
         frames = fit_registration(turned, attained.position, attained.rotation, fitted_parts(turned, parts))
@@ -121,7 +121,7 @@ def check_sights(robot: Robot, campaign: Campaign, register: Sequence[str]) -> Q
     if "tool" not in register and leave((*register, "tool"), campaign) < CONVINCING * left:
         return Question("target", f"rows of one contact lie {_mm(left)} apart, and together with the measured point"
                         " fitted; use --register tool")  # fmt: skip
-    back = replace(campaign, sights=replace(campaign.sights, direction=-campaign.sights.direction))
+    back = replace(campaign, observations=replace(campaign.observations, direction=-campaign.observations.direction))
     if leave(register, back) < CONVINCING * left:
         return Question("direction", f"readings are {_mm(left)} off along their directions, and fit the reversed ones;"
                         " is dir_i dir_j dir_k the direction in which the reading grows?")  # fmt: skip

@@ -72,8 +72,8 @@ def registration_signatures(at: Linearization, parts: Sequence[str]) -> list[Sig
     keys = ("tx_m", "ty_m", "tz_m", "rx_rad", "ry_rad", "rz_rad")
     if "base" in parts:
         twists = base_twists(at)
-        if at.campaign.sights is not None:
-            twists = twists * ~at.campaign.sights.seen[:, None, None]
+        if at.campaign.observations is not None:
+            twists = twists * ~at.campaign.observations.observed[:, None, None]
         found.append(Signature(REGISTRATION, None, None, "base", keys, scale, twists))
     if "tool" in parts and at.scene.registration is not None:
         R = at.attained.frames.tcp_rotation @ at.scene.registration.tool[at.campaign.target_index, :3, :3]
@@ -87,13 +87,13 @@ def registration_signatures(at: Linearization, parts: Sequence[str]) -> list[Sig
 
 def _contact_signatures(at: Linearization) -> list[Signature]:
     """Return the columns of contact places; a shift of a place moves the measured point in the opposite direction."""
-    sights, frames = at.campaign.sights, at.scene.registration
-    if sights is None or frames is None:
+    observations, frames = at.campaign.observations, at.scene.registration
+    if observations is None or frames is None:
         return []
-    slopes, between = sights.place_slopes(), sights.known.slopes(frames.places)
+    slopes, between = observations.place_slopes(), observations.known.slopes(frames.places)
     scale, keys = np.full(3, REGISTRATION_SCALE), ("tx_m", "ty_m", "tz_m")
     found = []
-    for number in range(len(sights.names)):
+    for number in range(len(observations.names)):
         twist = np.concatenate([-slopes[:, :, number], np.zeros_like(slopes[:, :, number])], axis=1)
         form = f"{CONTACTS} {number}"
         found.append(Signature(REGISTRATION, None, None, form, keys, scale, twist, between=between[:, None, number]))

@@ -87,8 +87,8 @@ def state_uncertainty(
         groups=groups,
     )
     frames = state.registration
-    adrift = frames is not None and ("base" in frames.parts or campaign.adrift)
-    return free_base(fit.problem.robot, stated) if adrift else stated
+    unknown_base = frames is not None and ("base" in frames.parts or campaign.free_base)
+    return free_base(fit.problem.robot, stated) if unknown_base else stated
 
 
 def set_calibrated_sizes(fit: Fit, posterior: Posterior, verdict: Verdict, scale: float) -> tuple[Verdict, Uncertainty]:

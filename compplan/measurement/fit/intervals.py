@@ -11,7 +11,7 @@ from scipy.cluster.vq import kmeans2
 from scipy.spatial import cKDTree
 
 from compplan.errors import InputError
-from compplan.measurement.fit.least_squares import System, count_spare, information, invert, loss_weights, stack, weigh
+from compplan.measurement.fit.least_squares import System, count_dof, information, invert, loss_weights, stack, weigh
 from compplan.robot import Array
 
 #: Standard normal score above which residuals of neighbouring poses count as correlated (one in 30,000 by chance).
@@ -38,8 +38,8 @@ def state_spread(
         InputError: If there are not more measured numbers than parameters.
     """
     whitener, index = system.whitener(noise), np.flatnonzero(free)
-    count = system.seen
-    spare = count_spare(system, whitener, group, free)
+    count = system.count_measured
+    spare = count_dof(system, whitener, group, free)
     if spare.sum() <= 0:
         numbers = f"{count.sum()} measured numbers"
         raise InputError(f"{numbers} leave no freedom for {len(index)} parameters; add poses")
@@ -201,7 +201,7 @@ def find_free(information: Array, sizes: Array, rank: Sequence[int]) -> NDArray[
     return free
 
 
-def find_mates(information: Array, sizes: Array, free: NDArray[np.bool_]) -> list[tuple[int, list[int]]]:
+def find_similar(information: Array, sizes: Array, free: NDArray[np.bool_]) -> list[tuple[int, list[int]]]:
     """Return every fixed parameter, and at most six free ones with similar effects, the most similar first.
 
     Arguments: see `find_free`; free: mask of the free parameters, (p,).

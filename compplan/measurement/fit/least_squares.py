@@ -22,7 +22,7 @@ from compplan.robot import Array
 
 POSITION, ORIENTATION, ENCODERS, DISTANCES = range(4)
 #: Blocks, and those whose noise is estimated from residuals: known distances are too few.
-BLOCKS, TOLD_BLOCKS = 4, 3
+BLOCKS, NOISE_BLOCKS = 4, 3
 #: Least estimated noise relative to the stated one: simulated data may have none.
 LEAST_NOISE = 1e-6
 State = TypeVar("State")
@@ -55,7 +55,7 @@ class System(NamedTuple):
         return 1.0 / (self.sigma * noise[self.block])
 
     @property
-    def seen(self) -> Array:
+    def count_measured(self) -> Array:
         """Return the number of measured components of each row, without known distances. Shape (n,)."""
         return np.asarray(self.known[:, self.block != DISTANCES].sum(axis=1))
 
@@ -102,13 +102,13 @@ def invert(matrix: Array) -> Array:
     return np.asarray(np.linalg.inv(matrix / np.outer(norms, norms)) / np.outer(norms, norms))
 
 
-def count_spare(system: System, whitener: Array, group: NDArray[np.int_] | None, free: NDArray[np.bool_]) -> Array:
+def count_dof(system: System, whitener: Array, group: NDArray[np.int_] | None, free: NDArray[np.bool_]) -> Array:
     """Return the residual degrees of freedom of each block: measured numbers minus trace of the hat matrix. (3,)."""
     columns = weigh(system, whitener, group)[1][:, :, free]
     flat = stack(columns)
     inverse = invert(flat.T @ flat)
-    spare = np.zeros(TOLD_BLOCKS)
-    for block in range(TOLD_BLOCKS):
+    spare = np.zeros(NOISE_BLOCKS)
+    for block in range(NOISE_BLOCKS):
         part, known = stack(columns[:, system.block == block]), system.known[:, system.block == block]
         spare[block] = known.sum() - np.sum((part.T @ part) * inverse)
         if group is not None:
@@ -125,9 +125,9 @@ def scale_noise(
     size of the residuals instead. noise: previous estimate, (4,); others: see `iterate_gauss_newton`.
     """
     result, whitener = noise.copy(), system.whitener(noise)
-    left = count_spare(system, whitener, group, free)
+    left = count_dof(system, whitener, group, free)
     residual = weigh(system, whitener, group)[0]
-    for block in range(TOLD_BLOCKS):
+    for block in range(NOISE_BLOCKS):
         columns = system.block == block
         known = system.known[:, columns]
         spare = left[block]
@@ -167,7 +167,7 @@ def iterate_gauss_newton(
     for count in range(1, MAX_STEPS + 1):
         if sigma == "residuals":
             noise = scale_noise(system, noise, free, group, loss)
-        weights = loss_weights(loss, system.distance(noise), system.seen)[0]
+        weights = loss_weights(loss, system.distance(noise), system.count_measured)[0]
         residual, columns = weigh(system, system.whitener(noise) * system.temper(weights), group)
         flat = stack(columns[:, :, free])
         inverse = invert(flat.T @ flat)
@@ -255,7 +255,7 @@ def robust_scale(residual: Array, components: int = 1) -> float:
     return float(np.median(size) / np.sqrt(2.0 * gammaincinv(0.5 * components, 0.5))) if len(size) else 1.0
 
 
-def observe_rows(system: System, sights: Observations, frames: Registration, position: Array) -> System:
+def observe_rows(system: System, observations: Observations, frames: Registration, position: Array) -> System:
     """Store observations of one component as the first one; add known distances to the first row of a contact.
 
     system: positions first, measuring axes, contact positions last if fitted; position: predicted measured points,
@@ -263,14 +263,14 @@ def observe_rows(system: System, sights: Observations, frames: Registration, pos
     """
     residual, columns, sigma = system.residual.copy(), system.columns.copy(), system.sigma.copy()
     R = frames.base[:3, :3]
-    direction = sights.directions((position - frames.base[:3, 3]) @ R, frames.places) @ R.T
+    direction = observations.directions((position - frames.base[:3, 3]) @ R, frames.places) @ R.T
     one = np.isfinite(direction).all(axis=1)
     residual[one, 0] = np.einsum("ni,ni->n", direction[one], residual[one, :3])
     columns[one, 0] = np.einsum("ni,nip->np", direction[one], columns[one, :3])
     residual[one, 1:3], columns[one, 1:3], sigma[one, 1:3] = 0.0, 0.0, np.inf
-    if CONTACTS not in frames.parts or not len(sights.known):
+    if CONTACTS not in frames.parts or not len(observations.known):
         return System(residual, columns, sigma, system.block)
-    known, first = sights.known, (sights.first_rows(), np.arange(len(sights.known)))
+    known, first = observations.known, (observations.first_rows(), np.arange(len(observations.known)))
     extra, spread = np.zeros((len(residual), len(known))), np.full((len(residual), len(known)), np.inf)
     slopes = np.zeros((*extra.shape, columns.shape[2]))
     own = known.slopes(frames.places).reshape(len(known), -1)
@@ -282,16 +282,16 @@ def observe_rows(system: System, sights: Observations, frames: Registration, pos
     )  # fmt: skip
 
 
-def forget_turns(system: System, sights: Observations | None, frames: Registration) -> System:
+def project_out_rotations(system: System, observed: Observations | None, frames: Registration) -> System:
     """Remove spurious information on the rotation of the complete arm about its base from the derivatives.
 
     Contacts and ball bars do not observe a rotation of the base together with their unknown positions: a rotation w
     changes the residual r of a contact by w x r, which is noise. Without this projection the noise would determine the
     rotation to one radian over the square root of the number of rows.
     """
-    if sights is None or CONTACTS not in frames.parts or not np.isin(sights.kind, (CONTACT, DISTANCE)).all():
+    if observed is None or CONTACTS not in frames.parts or not np.isin(observed.kind, (CONTACT, DISTANCE)).all():
         return system
-    contact, turns = sights.kind == CONTACT, np.zeros((*system.residual.shape, 3))
+    contact, turns = observed.kind == CONTACT, np.zeros((*system.residual.shape, 3))
     turns[contact, :3] = np.swapaxes(np.cross(np.eye(3)[None], system.residual[contact, None, :3]), 1, 2)
     basis, flat = np.linalg.qr(stack(turns))[0], stack(system.columns)
     return system._replace(columns=(flat - basis @ (basis.T @ flat)).reshape(system.columns.shape))
