@@ -32,7 +32,7 @@ WRENCH = {**{f"f{axis}_N": LOAD for axis in "xyz"}, **{f"m{axis}_Nm": LOAD for a
 
 @dataclass(frozen=True)
 class Rule:
-    """Rule of one effect."""
+    """Schema of one effect: parameters, joint and axes."""
 
     #: Its parameters: greatest absolute value, or one of the kinds above.
     keys: Mapping[str, float | str | tuple[str, ...]]

@@ -56,7 +56,7 @@ MESHES, CLOUDS = (".stl", ".ply"), (".xyz", ".asc", ".pts")
 
 
 def is_scan(file: Path) -> bool:
-    """Return whether a file is a scan: by its ending, or a table whose first row has only numbers."""
+    """Return whether a file is a scan: by its ending, or because its first row holds only numbers."""
     if file.suffix.lower() in (*MESHES, *CLOUDS):
         return True
     if not file.is_file():

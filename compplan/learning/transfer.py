@@ -102,7 +102,7 @@ def learn_force(
     job: str,
     kept: NDArray[np.bool_],
 ) -> tuple[LearnedForce, Array]:
-    """Compute the learned force that transfers to other paths; also return its transferred shares, (4,).
+    """Compute the learned force for other paths; also return its level and turns in prior sigmas, (4,).
 
     Its direction transfers if it is fixed in base or part; a direction that follows the path does not. spread: prior
     uncertainty of the force; R_base_part: part axes in the base frame, (3, 3); kept: parameters that the robot folder

@@ -36,7 +36,7 @@ class KnownDistances:
         return len(self.length)
 
     def gap(self, places: Array) -> Array:
-        """Return the known distances minus those between places. Shape (contacts, 3) -> (d,). [m]"""
+        """Return each known distance minus that between its two places. Shape (contacts, 3) -> (d,). [m]"""
         return np.asarray(self.length - np.linalg.norm(self._apart(places), axis=1))
 
     def slopes(self, places: Array) -> Array:

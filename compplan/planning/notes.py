@@ -1,4 +1,4 @@
-"""Notes of a plan: questions about the job, assumptions, and waypoints and causes of a reduced feed."""
+"""Notes of a plan: questions about the job, assumptions, and where and why the feed is reduced."""
 
 from __future__ import annotations
 

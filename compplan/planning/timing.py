@@ -114,7 +114,7 @@ def time_command(
 def time_ends(task: PlanTask, q: Array) -> Array:
     """Compute times (n,) [s] that are valid for the first and last moves of every run of a command (n, nq).
 
-    A run accelerates and decelerates within END_TIME and some smoothing times; moves farther away are not timed.
+    A run ramps within END_TIME plus END_SPANS smoothing times of its ends; moves farther from both are not timed.
     """
     step, far, slow = np.zeros(len(q)), END_TIME + END_SPANS * task.smoothing, task.slowdown
     for start, end in task.moving_runs:

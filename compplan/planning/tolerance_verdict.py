@@ -152,7 +152,7 @@ def find_change(error_band: ErrorBand, cause: str, *, compensates: bool = True) 
 
 
 def describe_basis(error_band: ErrorBand) -> str:
-    """Describe the basis of the band in a few words."""
+    """State whether robot and force are measured or assumed."""
     robot = "measured" if error_band.known.grade == "measured" else "assumed, not measured"
     if not np.any(error_band.parts["force"]):
         return f"the robot is {robot}"

@@ -69,7 +69,7 @@ class MillingShape:
 
 
 def shape_milling(found: Engagement, teeth: int, exponent: tuple[float, float, float]) -> MillingShape:
-    """Compute the factor of each coefficient in the mean wrench; `exponent` is Kienzle's for each direction."""
+    """Compute the mean wrench per unit of each coefficient; `exponent` is Kienzle's for each direction."""
     edge, angle = found.cutter.slices, found.angles
     at_low, by_rise = (part.reshape(3, -1, 6) for part in edge_wrenches(edge, angle))
     straight, curved = np.zeros((len(found), 6, 6)), np.zeros((len(found), 6, 6))

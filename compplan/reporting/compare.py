@@ -93,7 +93,7 @@ def _list_closest(left: Mapping[str, float], share: float) -> list[str]:
 
 
 def open_comparison(comparison: Comparison) -> Summary:
-    """Return the first screen: recommended strategy, and its deviation on robots like this one."""
+    """Return the first screen: recommended strategy, and its deviation on robots like that of the job."""
     drawn, tolerance = comparison.drawn, comparison.task.tolerance
     if drawn is None:  # rms and largest deviation on the robot as modelled, by strategy
         runs = comparison.evaluations[comparison.cells[0].name]

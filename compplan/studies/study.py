@@ -96,7 +96,7 @@ def prepare_study(
     """Prepare a study.
 
     strategies: by default all that the robot supports; most_waypoints: a longer path is thinned evenly to this number;
-    force: uncertainty of the force; if learned from measured parts it is correlated with the drawn robots.
+    force: uncertainty of the force; if learned from measured parts, it is correlated with the sampled robots.
 
     Raises:
         InputError: If a strategy does not suit the robot, or the path has no cutting moves.

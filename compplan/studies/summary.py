@@ -76,7 +76,7 @@ def summarise_run(
 
 
 def compare_pairs(run: Run) -> list[dict[str, Any]]:
-    """Compare every two strategies sample by sample: mean difference of the rms with its interval."""
+    """Compare every two strategies sample by sample: mean rms difference and its 95 % interval."""
     pairs = []
     for (i, a), (j, b) in combinations(enumerate(run.study.strategies), 2):
         difference = 1e3 * (run.evaluated.rms[:, j] - run.evaluated.rms[:, i])

@@ -184,7 +184,7 @@ class WindowRun:
 
     @cached_property
     def here(self) -> tuple[Array, Array]:
-        """Joints and their change per row of the run, at the rows of the window. Shape (n, nq) twice."""
+        """Joints at each row of the window, and their change per row of the run. Shape (n, nq) twice."""
         return read_run(self.q, self.at)
 
 

@@ -43,7 +43,7 @@ class PlannedRows:
 
 
 def follow_moves(rows: PlannedRows, ends: NDArray[np.int_], moves: Sequence[Move], bases: Sequence[Array]) -> list[str]:
-    """Return the first line or arc that departs from its rows, or differs from their planned time, as a message.
+    """Return a message on the first move that departs from its rows or their planned time, or no message.
 
     `ends` is the row at the end of each move, `bases` the frame of its positions, in the base frame. [mm]
     """

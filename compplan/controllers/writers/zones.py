@@ -31,7 +31,7 @@ STEP = 1e-6
 
 @dataclass(frozen=True)
 class BlendZone:
-    """Blend zone of a language."""
+    """Default blend zone of a robot language."""
 
     size: float  #: Distance from the corner. [m]
     source: str  #: Origin of the number, or "assumed".

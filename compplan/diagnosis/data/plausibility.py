@@ -190,7 +190,7 @@ def check_frames(rows: CheckedRows, register: Sequence[str]) -> Question | None:
 
 
 def check_moment_point(robot: Robot, rows: CheckedRows) -> Question | None:
-    """Check whether the moments are those of a force at the TCP about the flange."""
+    """Check whether the moments are about the flange, of a force at the TCP."""
     chain = build_chain(robot)
     lever = -np.einsum("nij,j->ni", rows.rotation, np.linalg.inv(mounted_tool(robot))[:3, 3])
     force, moment = rows.campaign.wrench[:, :3], rows.campaign.wrench[:, 3:]

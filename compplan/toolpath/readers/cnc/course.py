@@ -63,7 +63,7 @@ class Course:
         self.move_frame(frame)
 
     def move_frame(self, frame: Frame) -> None:
-        """Activate a frame with unchanged coordinates of the tool; its position in the part changes."""
+        """Activate a frame; the tool keeps its coordinates, so its position in the part changes."""
         if frame == self.frame:
             return
         if frame.rows != self.frame.rows:
