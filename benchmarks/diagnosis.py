@@ -31,7 +31,7 @@ from benchmarks.contestants import (
 )
 
 Table = dict[str, Any]
-#: Contestants that are no product: asked in this process.
+#: Contestants that are not the product: asked in this process.
 PLAIN = {"rival": ask_rival, "geometry": ask_calibration}
 #: Contestants that name no effect, and the classes that they are scored in.
 NAMELESS, PREDICTED = ("figaroh", "geometry"), ("later campaign", "no answer")

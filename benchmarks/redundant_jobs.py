@@ -77,7 +77,7 @@ JOBS: dict[str, dict[str, Any]] = {
 
 
 def write_job(name: str, folder: Path, preset: str = "") -> dict[str, Any]:
-    """Return the table of a job; its path, where it is no generator's, is written into the folder."""
+    """Return the table of a job; its path, where it is not a generator's, is written into the folder."""
     entry = JOBS[name]
     path = entry["path"]
     if isinstance(path, np.ndarray):

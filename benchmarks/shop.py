@@ -5,7 +5,7 @@
     python -m benchmarks shop reveal --robot kuka_kr270 --seed 7                             what it hides
 
 The robot of a seed is always the same: a MuJoCo model of the folder's arm that hides three effects (every third seed
-one that is in no vocabulary) and everyday errors of every axis, under a process that pushes harder or softer than
+one that is outside the vocabulary) and everyday errors of every axis, under a process that pushes harder or softer than
 predicted, and a little otherwise at every part. Every part is clamped anew. The tracker stands anywhere, and its
 target anywhere on the tool (`compplan diagnose --register base,tool`). A shop reads what the controller would read,
 joints and loads, and tells what an instrument would tell: a filled log, or points on the part, brought to the robot
@@ -86,7 +86,7 @@ def draw_shop(robot: Path, seed: int) -> VirtualShop:
         hidden.append(f"{name} {joint}")
     if outside:
         scenario = add_hose(scenario, random)
-        hidden.append("hose (in no vocabulary)")
+        hidden.append("hose (outside the vocabulary)")
     force = 1.0 + LEVEL * float(np.random.default_rng([20261122, seed, 1]).standard_normal())
     hidden.append(f"force x {force:.2f}")
     return VirtualShop(

@@ -33,7 +33,7 @@ html_css_files = ["manual.css"]
 
 myst_enable_extensions = ["colon_fence", "dollarmath"]
 myst_heading_anchors = 3
-#: Pages are also read in the repository, where they link to files that are no pages: those links stay as they are.
+#: Pages are also read in the repository, where they link to files that are not pages: those links stay as they are.
 suppress_warnings = ["myst.xref_missing", "myst.header"]
 
 # The build runs each notebook anew and fails where one does; COMPPLAN_DOCS_EXECUTE=0 shows the outputs that are kept.
@@ -51,7 +51,7 @@ autodoc_typehints_format = "short"
 
 
 def escape_docstring(app: object, what: str, name: str, obj: object, options: object, lines: list[str]) -> None:
-    """Let docstrings be read as they are written: bars, stars and trailing underscores are no markup there."""
+    """Let docstrings be read as they are written: bars, stars and trailing underscores are not markup there."""
     lines[:] = [re.sub(r"(?<!`)([|*])(?!`)", r"\\\1", re.sub(r"(\w)_(?=\W|$)", r"\1\\_", line)) for line in lines]
 
 

@@ -42,7 +42,7 @@ def make_workspace(case: BadInput, folder: Path) -> None:
 
 
 def replace_thing(file: Path, edit: Mapping[str, Any]) -> None:
-    """Take a file away and put something in its place that is no ordinary file."""
+    """Take a file away and put something in its place that is not an ordinary file."""
     file.unlink()
     if "folder" in edit:
         file.mkdir()

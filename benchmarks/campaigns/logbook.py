@@ -20,7 +20,7 @@ class Log:
     """One log: its table, as text, and what is known about its noise."""
 
     table: dict[str, list[str]]  #: Columns by name, in order.
-    noise: Array  #: Measured minus true position, where it is no outlier. Shape (k, 3). [m]
+    noise: Array  #: Measured minus true position, where it is not an outlier. Shape (k, 3). [m]
     outliers: np.ndarray  #: Rows that are gross outliers. Shape (j,).
 
     def write(self, path: Path) -> None:

@@ -4,7 +4,7 @@
 
 Jobs are short, within reach, of any shipped robot (half of them graded as identified, with narrow widths), at feeds
 from 6 to 350 mm/s (`benchmarks.coverage.job`). The controller is ideal: drives go through the rows of joints.csv at
-their times. Runs begin at rest, since the ringing after rapid moves is no part of the band. One file a seed in DIR: a
+their times. Runs begin at rest, since the ringing after rapid moves is not part of the band. One file a seed in DIR: a
 second call goes on where the first one stopped (delete DIR after a change of the product). About 20 s of processor
 time a job.
 """

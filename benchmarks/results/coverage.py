@@ -29,7 +29,7 @@ METHOD = (
 CHART = Chart("tips within the 95 % band, %", {"held": ("held, %", 0)})
 LIMITS = (
     "The controller of the moving arm is ideal: its servos follow joints.csv. A real one lags and blends.",
-    "Runs of the moving arm begin at rest; ringing after rapid moves is no part of the band.",
+    "Runs of the moving arm begin at rest; ringing after rapid moves is not part of the band.",
 )
 JOBS, FIRST, ARMS, SHOPS = 20, 100, 200, 12
 #: Share of tips that the band should hold [%], and what it may be over the true 95 % point.

@@ -25,7 +25,7 @@ CHART = Chart("error of fresh poses, mm", {
     name: (f"{name}, mm", 0) for name in ("nominal", "compplan", "plain rival", "plain calibration", "FIGAROH")
 }, log=True)  # fmt: skip
 LIMITS = (
-    "The campaigns are published ones and are no part of this project (their licences ask for their notices).",
+    "The campaigns are published ones and are not part of this project (their licences ask for their notices).",
     "Two robots of one brand, unloaded. Load effects cannot be seen in them.",
     "FIGAROH is given 400 rows at most (it loops over them), and positions without what the nominal springs bend.",
     "What causes the error of a real robot is known in part only: the names are held against what others published.",

@@ -180,14 +180,14 @@ def _refuse_foreign(names: Iterable[str], place: Path, shown: Path) -> None:
         for parent in Path(name).parents[:-1]:
             above = place / parent
             if above.is_symlink() or (above.exists() and not above.is_dir()):
-                message = f"is no folder, but the result needs one of this name; {ADVICE}"
+                message = f"is not a folder, but the result needs one of this name; {ADVICE}"
                 raise InputError(message, file=shown / parent)
             if above.is_dir() and not os.access(above, os.W_OK | os.X_OK):
                 raise InputError("cannot be written: no permission to write", file=shown / parent)
         if target.is_dir() and not target.is_symlink():
             raise InputError(f"is a folder, but the result is a file of this name; {ADVICE}", file=shown / name)
         if (target.exists() or target.is_symlink()) and name not in known:
-            message = f"was not written by compplan (it is in no manifest.json) and would be replaced; {ADVICE}"
+            message = f"was not written by compplan (no manifest.json names it) and would be replaced; {ADVICE}"
             raise InputError(message, file=shown / name)
 
 

@@ -114,7 +114,7 @@ class PointPairs(StrictTable):
             counts = f"{len(self.nominal)} nominal and {len(self.measured)} measured points"
             raise ValueError(f"has {counts}, expected as many of each")
         if len(self.nominal) < 3:
-            raise ValueError(f"has {len(self.nominal)} points, expected at least 3 that lie on no line")
+            raise ValueError(f"has {len(self.nominal)} points, expected at least 3 not all on one line")
         for name, points in (("nominal", self.nominal), ("measured", self.measured)):
             size = np.linalg.svd(np.asarray(points) - np.mean(points, axis=0), compute_uv=False)
             if size[0] < NEAREST_MM or size[1] < FLATTEST * size[0]:

@@ -368,7 +368,7 @@ def _change_key(data: dict[str, Any], change: str) -> str:
     for name in tables:
         table = table.setdefault(name, {})
         if not isinstance(table, dict):
-            raise InputError(f"{name!r} is no table of the job", where=f"--set {key}")
+            raise InputError(f"{name!r} is not a table of the job", where=f"--set {key}")
     table[last] = value
     note_input(Path(f"--set {change}"), change.encode())
     return key

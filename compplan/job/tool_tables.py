@@ -71,7 +71,7 @@ def _read_csv(text: str, path: Path) -> Iterator[LibraryTool]:
     head = text.partition("\n")[0].lower()
     separator = max(",;\t", key=head.count)
     if "number" not in [word.strip() for word in head.split(separator)]:
-        raise InputError(f"is no tool table, expected {FORMS}", file=path)
+        raise InputError(f"is not a tool table, expected {FORMS}", file=path)
     rows = csv.DictReader(io.StringIO(text), delimiter=separator, skipinitialspace=True)
     with guard_parser(path, "is not a table", lambda: rows.line_num + 1):
         for row in rows:
@@ -93,7 +93,7 @@ def _read_toml(text: str, path: Path) -> Iterator[LibraryTool]:
 
 
 def _read_fusion(text: str, path: Path) -> Iterator[LibraryTool]:
-    with guard_parser(path, "is no tool library"):
+    with guard_parser(path, "is not a tool library"):
         entries = json.loads(text)["data"]
         if len(entries) > MOST_TOOLS:
             raise InputError(f"has {len(entries)} tools, at most {MOST_TOOLS} are read", file=path)
@@ -148,7 +148,7 @@ def _read(path: Path) -> str:
         return read_text(path)
     content = path.read_bytes()
     note_input(path, content)
-    with guard_parser(path, "is no zipped tool library"), zipfile.ZipFile(io.BytesIO(content)) as archive:
+    with guard_parser(path, "is not a zipped tool library"), zipfile.ZipFile(io.BytesIO(content)) as archive:
         found = [info for info in archive.infolist() if info.filename.lower().endswith(".json")]
         if len(found) != 1:
             raise InputError("does not hold one tools.json, expected a zipped tool library of Fusion", file=path)

@@ -112,7 +112,7 @@ class Plan(Shown):
 
     @property
     def limit_room(self) -> tuple[float, str]:
-        """Least distance of any joint from its position limits (negative beyond), and its name. [rad or m] [rad or m]"""
+        """Least distance of any joint from its position limits (negative beyond), and its name. [rad or m]"""
         room = np.minimum(self.q - self.robot.lower, self.robot.upper - self.q).min(axis=0)
         room = np.where(self.robot.lower == self.robot.upper, np.inf, room)  # fixed by the job
         return float(room.min()), self.robot.joint_names[int(room.argmin())]

@@ -118,7 +118,7 @@ class ForceLaw:
         elif isinstance(process, PathForceTable):
             local = process.wrench_along(nominal)
         else:
-            raise ShapeError(f"the table of force model {process.model!r} is of no kind that has a force")
+            raise ShapeError(f"the table of force model {process.model!r} is of a kind without a force")
         _check_travel(frame, local, nominal)
         wrench = _turn(local, self._axes(frame, nominal))
         if self.always:

@@ -38,7 +38,7 @@ def name_strategy(name: str) -> str:
 
 
 def colour_strategies(names: Iterable[str], best: str) -> list[str]:
-    """Return one colour per strategy: one for no correction, one for the best, grey for the others."""
+    """Return one colour per strategy: one for `none`, one for the best, grey for the others."""
     return [AFTER if name == best else BEFORE if name == "none" else NEUTRAL for name in names]
 
 

@@ -105,7 +105,7 @@ def write_coefficients(found: ForcePrediction, file: Path) -> None:
         CoefficientTable.model_validate(table)
     except ValidationError as error:
         why = error.errors()[0]["msg"].removeprefix("Value error, ")
-        raise InputError(f"the fitted coefficients are no job's: {why}", file=file) from None
+        raise InputError(f"the fitted coefficients do not fit a job: {why}", file=file) from None
     text = (f"# {fitted.source}. Copy this table into a later job, in place of [process] material.\n"
             "# uncertainty is that of the force along the cut that was logged, one standard deviation; another tool,\n"
             "# wear, another cut add to it.\n" + tomli_w.dumps({"process": {"coefficients": table}}))  # fmt: skip

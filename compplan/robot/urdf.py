@@ -383,7 +383,7 @@ def _read_form(shape: UrdfNode) -> tuple[Any, ...]:
     if tag == "mesh":
         name = form.text("filename") or ""
         if Path(name).suffix.lower() not in MESHES:
-            raise shape.fault(f"mesh {name!r} is no mesh file, expected {' '.join(MESHES)}")
+            raise shape.fault(f"mesh {name!r} is not a mesh file, expected {' '.join(MESHES)}")
         return tag, name, form.vector("scale", "1 1 1")
     if tag not in SHAPES:
         raise shape.fault(f"geometry <{tag}>, expected box, cylinder, sphere or mesh")

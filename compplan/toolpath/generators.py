@@ -61,7 +61,7 @@ class GeneratorTable(StrictTable):
         """
         lengths = _measure(curve, grid)
         if not lengths[-1] > 0.0:
-            raise InputError("the generator makes a path of no length")
+            raise InputError("the generator makes a path without length")
         count = self._count_waypoints(float(lengths[-1]))
         bounds = np.r_[0.0, np.interp(corners, grid, lengths), lengths[-1]]
         position = curve(np.interp(_place_stations(bounds, count), lengths, grid))

@@ -25,7 +25,7 @@ TOOLTIP = "Correct the path for the bending of the robot with compplan"
 UNITS = "G21"
 #: Words that are lengths, angles or counts and stay as they are; FreeCAD gives feeds in mm/s.
 LETTERS = "XYZABCIJKRQPLTSDH"
-#: Results that are no program, by name and by ending.
+#: Results that are not programs, by name and by ending.
 NO_PROGRAM, NO_PROGRAM_ENDINGS = ("joints.csv", "deviation.csv"), (".json", ".html", ".npz")
 
 

@@ -92,7 +92,7 @@ def test_a_key_or_value_that_no_job_has_is_refused_by_every_command_in_a_line(
         ("plan.speed=3", "--set plan.speed: unknown key, choose from ['strategy'"),
         ("plan.tolerance_mm=[1", "--set plan.tolerance_mm: is '[1', expected a TOML value"),
         ("part.position_mm=[1.0]", "--set part.position_mm[1]: missing number"),
-        ("robot.x=1", "--set robot.x: 'robot' is no table of the job"),
+        ("robot.x=1", "--set robot.x: 'robot' is not a table of the job"),
         ("plan", "--set is 'plan', expected KEY=VALUE such as plan.tolerance_mm=0.05"),
     ):
         words = [command, PATHS / "circle_10mm.toml", *more, "--set", change, "--out", tmp_path / "out"]

@@ -1,4 +1,4 @@
-"""Programs read by readers that are no part of the package: where they lead is the plan's path within 1e-3 mm."""
+"""Programs read by readers that are not part of the package: where they lead is the plan's path within 1e-3 mm."""
 
 from __future__ import annotations
 

@@ -29,7 +29,7 @@ def numbers_of(node: ast.AST) -> Iterator[ast.Constant]:
 
 
 def without_slices(node: ast.expr) -> ast.expr:
-    """What is cut out of a list of names is no number that decides."""
+    """What is cut out of a list of names is not a number that decides."""
     return node.value if isinstance(node, ast.Subscript) else node
 
 

@@ -63,7 +63,7 @@ def worst_disagreement(at: Linearization, signature: Signature) -> float:
     worst = 0.0
     for k, scale in enumerate(signature.scale):
         sides = []
-        # play is no smooth function of its width: its signature is the secant between zero and half its scale
+        # play is not a smooth function of its width: its signature is the secant between zero and half its scale
         ends = (0.5, 1e-9) if signature.name == "backlash" else (1e-2, -1e-2)
         for end in ends:
             values = np.zeros(len(signature.scale))

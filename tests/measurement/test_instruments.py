@@ -259,7 +259,7 @@ def thin_bar_log(robot: Robot, folder: Path, kept: tuple[int, ...]) -> tuple[Pat
 
 
 def test_places_that_few_rows_stand_at_are_dropped_or_refused_in_one_line(robot: Robot, tmp_path: Path) -> None:
-    """Three distances are what an unknown centre takes; what was not read at a bar is no contact of a socket."""
+    """Three distances are what an unknown centre takes; what was not read at a bar is not a contact of a socket."""
     log, instrument = thin_bar_log(robot, tmp_path, (9, 3, 4))
     head, *rows = log.read_text().splitlines()
     write_log(log, head, [*rows, rows[0].rpartition(",")[0] + ","])

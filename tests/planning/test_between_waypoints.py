@@ -180,7 +180,7 @@ def test_a_path_without_a_clear_posture_is_planned_within_the_correction_limit_a
 def test_effects_of_a_folder_count_between_waypoints_too_and_divide_the_path_no_further_than_they_bow(
     tmp_path, effect, parameters, most
 ):
-    # ten waypoints on a line that starts under load: the correction of a shift of the joint is no bow
+    # ten waypoints on a line that starts under load: the correction of a shift of the joint is not a bow
     lines = ["x_mm,y_mm,z_mm,feed_mm_s", *(f"{10 * k},0,0,20" for k in range(10))]
     (tmp_path / "path.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
     data = {

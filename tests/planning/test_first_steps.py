@@ -76,7 +76,10 @@ def test_a_cut_that_nowhere_reaches_its_feed_is_told() -> None:
         (["doctor", "part.nc"], "part.nc: is a CAM file; compplan convert part.nc --out path.csv"),
         (["plan", "part.nc", "--out", "out"], "part.nc: is a CAM file, expected a job that ends in .toml; "),
         (["learn", "part.toml"], "error: MEASURED is missing; compplan learn --help shows an example"),
-        (["execute", "part.nc", "--robot", "ur10", "--out", "out.csv"], "part.nc: is no program table; execute reads"),
+        (
+            ["execute", "part.nc", "--robot", "ur10", "--out", "out.csv"],
+            "part.nc: is not a program table; execute reads",
+        ),
         (["plan", "part.csv", "--out", "out"], "part.csv: is a table, expected a job that ends in .toml"),
         (["doctor", "irb6640"], "no robot named 'irb6640', choose from ['abb_irb6640_185_280'] (42 robots in all)"),
         (["doctor", "kuka_kr16-2"], "choose from ['kuka_kr16_2'"),

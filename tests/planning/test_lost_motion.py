@@ -1,4 +1,4 @@
-"""A robot that is known to lose motion: what its effects add at the waypoints is no reason to divide the path."""
+"""A robot that is known to lose motion: what its effects add at the waypoints is not a reason to divide the path."""
 
 from dataclasses import replace
 from pathlib import Path

@@ -47,7 +47,7 @@ def test_joints_csv_puts_the_loaded_tool_on_the_path(small_job, tmp_path, monkey
     wrench = [FileColumn(f"f{a}", "force") for a in "xyz"] + [FileColumn(f"m{a}", "moment") for a in "xyz"]
     columns = [FileColumn("time", "time"), FileColumn("q#", "angle"), *(FileColumn(a, "length") for a in "xyz")]
     file = tmp_path / "out" / "joints.csv"
-    # the kind of the move stands last and is no number
+    # the kind of the move stands last and is not a number
     lines = [line.rsplit(",", 1) for line in file.read_text(encoding="utf-8").splitlines()]
     assert lines[0][1] == "move"
     moves = [kind for _, kind in lines[1:]]

@@ -93,7 +93,7 @@ def test_the_share_of_a_cut_goes_by_length() -> None:
     """Waypoints at 0 1 2 10 mm: the first two stand for .5 + 1 of 10 mm."""
     length, cut = np.array([0.0, 1.0, 2.0, 10.0]), np.ones(4, bool)
     assert share_length(length, cut, np.array([True, True, False, False])) == pytest.approx(0.15)
-    apart = np.array([True, True, False, True])  # the moves over waypoint 2 are no cut
+    apart = np.array([True, True, False, True])  # the moves over waypoint 2 are not cut
     assert share_length(length, apart, np.array([True, False, False, False])) == pytest.approx(0.5)
     assert share_length(np.zeros(4), cut, np.array([True, False, False, False])) == pytest.approx(0.25)
 

@@ -136,7 +136,7 @@ def test_folders_stay_within_what_is_read_and_hold_the_reported_gap(
 def test_a_campaign_of_touched_contacts_is_delivered(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """The places of contacts are fitted anew when a folder is read back: that is no difference of the robot."""
+    """The places of contacts are fitted anew when a folder is read back: that is not a difference of the robot."""
     monkeypatch.chdir(Path(__file__).parents[1] / "bad_inputs" / "good")
     words = (
         "diagnose",

@@ -116,7 +116,7 @@ def run_execute(program: Path, robot_name: str, out: Path) -> CommandResult:
     from compplan.controllers.motion.run import execute_program, write_executed
 
     if program.suffix.lower() != ".csv":
-        raise InputError('is no program table; execute reads the CSV written with programs = ["csv"]', file=program)
+        raise InputError('is not a program table; execute reads the CSV written with programs = ["csv"]', file=program)
     robot = load_robot(robot_name)
     executed = execute_program(program, robot)
     write_executed(executed, robot, out)

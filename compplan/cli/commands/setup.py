@@ -217,7 +217,9 @@ def _check_toolpath(path: Path) -> None:
     if not path.is_file():
         raise InputError("no such toolpath (it counts from the folder of the job)", file=path)
     if path.suffix.lower() not in (".csv", *list_suffixes()) and find_reader(path, read_bounded(path)) is None:
-        raise InputError(f"is no toolpath, expected a file that ends in .csv, {', '.join(list_suffixes())}", file=path)
+        raise InputError(
+            f"is not a toolpath, expected a file that ends in .csv, {', '.join(list_suffixes())}", file=path
+        )
 
 
 def _init_robot(urdf: Path, options: Mapping[str, Any], out: Path | None) -> list[str]:
@@ -226,7 +228,7 @@ def _init_robot(urdf: Path, options: Mapping[str, Any], out: Path | None) -> lis
     if (payload is None) != (reach is None) or (mass is not None and payload is None):
         raise InputError("--payload, --reach and --mass: give payload and reach together, own weight beside them")
     if any(math.isnan(value) for value in (payload, reach, mass) if value is not None):
-        raise InputError("--payload, --reach and --mass: nan is no number")
+        raise InputError("--payload, --reach and --mass: nan is not a number")
     rating, controller = None if payload is None else Rating(payload, reach, mass), options["controller"]
     folder = out or Path(urdf.stem)
     if not folder.is_dir() or any(folder.iterdir()):  # an interrupted run may have left it empty
@@ -296,7 +298,7 @@ def run_doctor(target: str | None, robot_name: str | None) -> CommandResult:
     elif target is not None and Path(target).suffix.lower() == ".csv":
         raise InputError("measurement log not found", file=Path(target))
     elif target is not None and robot_name is not None:
-        raise InputError(f"--robot is the robot of a log, but {target!r} is no log: name one robot")
+        raise InputError(f"--robot is the robot of a log, but {target!r} is not a log: name one robot")
     elif target is not None or robot_name is not None:
         findings = examine_robot(load_robot(target if target is not None else str(robot_name)))
     else:
@@ -311,7 +313,7 @@ def _refuse_others(target: str | None) -> None:
         return
     suffix = Path(target).suffix.lower()
     if suffix == ".toml":
-        sentence = f"is no robot folder and no log; if it is a job: compplan plan {target} --out out"
+        sentence = f"is neither a robot folder nor a log; if it is a job: compplan plan {target} --out out"
         raise InputError(sentence, file=target)
     if suffix in list_suffixes():
         sentence = f"is a CAM file; compplan convert {target} --out path.csv writes its toolpath, "

@@ -90,9 +90,9 @@ def render_post(program: Program, language: str, words: Mapping[str, Any]) -> st
         made = _environment().from_string(text).render(data)
     except TemplateError as error:
         line = getattr(error, "lineno", None)
-        raise InputError(f"is no template of {language}: {error.message or error}", file=own, where=line) from None
+        raise InputError(f"is not a template of {language}: {error.message or error}", file=own, where=line) from None
     except (TypeError, ValueError, LookupError, ArithmeticError, AttributeError, RecursionError) as error:
-        raise InputError(f"is no template of {language}: {error}", file=own) from None
+        raise InputError(f"is not a template of {language}: {error}", file=own) from None
     if not made.isascii() or "\0" in made:
         raise InputError(f"makes letters of {language} that no program takes, expected plain ASCII", file=own)
     longest = LANGUAGES.get(language, {}).get("longest_line", LONGEST_LINE)
@@ -132,7 +132,7 @@ def _flatten(value: Any) -> Any:
         return dict(value)
     if isinstance(value, np.ndarray | np.generic):
         return value.tolist()
-    raise TypeError(f"{type(value).__name__} is no plain data for a template")
+    raise TypeError(f"{type(value).__name__} is not plain data for a template")
 
 
 @cache

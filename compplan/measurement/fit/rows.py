@@ -115,7 +115,7 @@ def take_rows(campaign: Campaign, registration: Registration, loss: str) -> tupl
     notes = [note for note in campaign.notes if "repeat earlier rows" in note]
     passed = int((campaign.usable & campaign.on_path).sum())
     if passed:
-        notes.append(f"{passed} rows that were sampled on the fly are left out: lag is no compliance")
+        notes.append(f"{passed} rows that were sampled on the fly are left out: lag is not compliance")
     if missing := len(campaign) - len(row) - passed:
         notes.append(f"{missing} rows lack joints, load or position and are left out")
     stated: dict[str, Any] = {}

@@ -254,7 +254,7 @@ class _AptReader:
             self.feed = numbers[0] * FEED_UNITS[unit]
             if not (self.unit or self.options.unit):  # unit of lengths from the feed
                 if unit[0] == "I" and (self.placed or self.log.waypoints):
-                    raise InputError("a feed in inches follows points of no stated unit; state it with --unit")
+                    raise InputError("a feed in inches follows points without a stated unit; state it with --unit")
                 self.unit, self.scale = ("inch", INCH) if unit[0] == "I" else ("mm", 1.0)
                 self.note(f"no unit is stated before the first feed: {self.unit} is taken from it")
         elif unit := next((word for word in units if word in REVOLUTION_UNITS), ""):
@@ -388,5 +388,5 @@ def _axis(vector: list[float]) -> Point:
     """Return a tool axis as a unit vector."""
     length = math.hypot(*vector)
     if len(vector) != 3 or not 1e-3 < length < 1e3:
-        raise InputError(f"tool axis {vector} is no direction")
+        raise InputError(f"tool axis {vector} is not a direction")
     return vector[0] / length, vector[1] / length, vector[2] / length

@@ -68,7 +68,7 @@ def read_numbers(minor: str) -> list[float]:
     """Return the fields of a record of numbers only."""
     for field in split_fields(minor) if minor else ():
         if isinstance(field, str):
-            raise InputError(f"field {field[:20]!r} is no number")
+            raise InputError(f"field {field[:20]!r} is not a number")
     return find_numbers(minor)
 
 

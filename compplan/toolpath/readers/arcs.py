@@ -93,7 +93,7 @@ def normalise(vector: Point) -> Point:
     """Return a vector scaled to length 1; raise a ValueError for a zero vector."""
     size = math.hypot(*vector)
     if size < 1e-12:
-        raise ValueError("two points that coincide, or a vector of no length, have no direction")
+        raise ValueError("two points that coincide, or a vector without length, have no direction")
     return vector[0] / size, vector[1] / size, vector[2] / size
 
 

@@ -263,7 +263,7 @@ class Rs274:
         course, state = self.it.course, self.it.state
         if state.motion != 0.0:
             raise InputError("a cut to Z with the tool's length cancelled (H0, G49): the tip's place is not known")
-        self.it.note("Z of a block that cancels the tool's length (H0, G49) is left out: it is no place in the part")
+        self.it.note("Z of a block that cancels the tool's length (H0, G49) is left out: it is not a place in the part")
         course.retreat()
         course.mark_unknown([2])
         del block.values["Z"]

@@ -132,7 +132,7 @@ def test_vendor_records_are_read_past_with_a_note(read) -> None:
         ("UNITS/MM\nCOPY/1,TRANSL", r":2: COPY is not read"),
         ("UNITS/FEET", r":1: unit 'FEET', choose from MM, INCHES"),
         ("GOTO/1", r":1: 1 numbers, expected x, y, z"),
-        ("GOTO/0,0,0,0,0,0", r":1: tool axis \[0.0, 0.0, 0.0\] is no direction"),
+        ("GOTO/0,0,0,0,0,0", r":1: tool axis \[0.0, 0.0, 0.0\] is not a direction"),
         (ARC.format("CIRCLE/10,0,0,0,0,1"[:-4]), r":4: arc record with 5 numbers|:4: arc record with"),
         (ARC.format("CIRCLE/11,0,0,0,0,1,10"), r":5: arc starts 9.0000 mm from its centre and ends 10.0499"),
         ("MODE/INCR", r":1: MODE/INCR"),
@@ -151,9 +151,9 @@ def test_a_file_of_unknown_suffix_is_read_as_what_its_text_says(read) -> None:
 @pytest.mark.parametrize(
     ("record", "sentence"),
     [
-        ("GOTO/1O,3,0", "field '1O' is neither a number nor a word"), ("GOTO/nan,1,2", "field 'NAN' is no number"),
+        ("GOTO/1O,3,0", "field '1O' is neither a number nor a word"), ("GOTO/nan,1,2", "field 'NAN' is not a number"),
         ("GOTO/1,,2", "field .. is neither"),
-        ("GOTO/1.2.3,0,0", "field '1.2.3'"), ("GOTO/P1", "field 'P1' is no number"),
+        ("GOTO/1.2.3,0,0", "field '1.2.3'"), ("GOTO/P1", "field 'P1' is not a number"),
         ("FEDRAT/1O0,MMPM", "field '1O0'"), ("TRANS/10,0,0", "TRANS/10,0,0 turns or shifts the path"),
         ("ROTATE/TABLE,AAXIS,ABSANG,30", "ROTATE/TABLE"), ("MIRROR/X", "MIRROR"),
         ("CIRCLE/0,0,0,0,0,1,5,TIMES,1000000", r"arc of 1e\+06 turns"), ("GODLTA/1,2", "2 numbers"),

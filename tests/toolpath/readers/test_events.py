@@ -89,7 +89,7 @@ def test_events_after_an_arc_stand_at_its_end(read) -> None:
 )  # fmt: skip
 def test_apt_switches_between_its_moves(read, lines: str, expected: list) -> None:
     origin = [(place - 1, *rest) if place == 0 else (place, *rest) for place, *rest in expected]
-    assert list_events(read(APT % lines, ".apt")) == origin  # FROM is no move: 0 is what is before the first one
+    assert list_events(read(APT % lines, ".apt")) == origin  # FROM is not a move: 0 is what is before the first one
 
 
 def test_apt_text_is_kept_as_comments(read) -> None:

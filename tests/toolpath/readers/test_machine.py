@@ -103,7 +103,7 @@ def test_cuts_in_two_work_offsets_ask_for_the_part_frame(read) -> None:
     with pytest.raises(InputError, match="wcs is G57, which the file does not use; it uses G54, G55"):
         read(text, ".nc", wcs="G57")
     parked = HEAD + "G1 X10 F9\nG0 Z10\nG59 G0 X0 Y0\nM30\n"
-    assert read(parked, ".nc").facts.rapid_moves == 1  # a rapid in another offset is no part of the path
+    assert read(parked, ".nc").facts.rapid_moves == 1  # a rapid in another offset is not part of the path
 
 
 def turn(axis: str, angle: float) -> np.ndarray:

@@ -18,7 +18,7 @@ AXES = "XYZ"
 LENGTHS = "XYZIJKRUVWF"
 PLANES = {"G17": "XY", "G18": "ZX", "G19": "YZ"}
 CENTRES = {"X": "I", "Y": "J", "Z": "K"}
-#: Preparatory words after which axis words are no plain coordinates of the part frame.
+#: Preparatory words after which axis words are not plain coordinates of the part frame.
 MACHINE = {"G28", "G30", "G53", "G10", "G92", "G52", "G4", "G31", "G68", "G50", "G51", "G65", "G66"}
 #: Words that move the part frame: positions are unknown after them.
 FRAMES = {*(f"G{k}" for k in range(54, 60)), "G43", "G49", "G92.1", "G69", "G52", "G92", "G10", "G154", "G54.1"}
