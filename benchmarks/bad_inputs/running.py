@@ -77,9 +77,10 @@ def load_commands() -> None:
         "planning.plan",
         "reporting.page",
     )
-    for module in (*(f"compplan.{name}" for name in heavy), "matplotlib.pyplot", "rich.table", "casadi", "eaik"):
+    for module in (*(f"compplan.{name}" for name in heavy), "matplotlib.pyplot", "rich.table", "casadi", "eaik",
+                   "scipy.signal", "compplan.toolpath.readers"):  # fmt: skip
         importlib.import_module(module)
-    for encoding in ("utf-8-sig", "utf-16", "latin-1"):
+    for encoding in ("utf-8-sig", "utf-16", "latin-1", "unicode-escape"):
         codecs.lookup(encoding)
 
 

@@ -147,7 +147,7 @@ def find_change(error_band: ErrorBand, cause: str, *, compensates: bool = True) 
             chosen = " and ".join(DO[step] for step in error_band.cheapest)
             return f"{chosen[0].upper()}{chosen[1:]}: then it keeps."
         best = min(rung.band for rung in error_band.ladder[1:])
-        return f"Allow a tolerance above {state_mm(best)} or reduce the force: all measurements together get no lower."
+        return f"Reduce the force, or take all measurements of the ladder and allow a tolerance above {state_mm(best)}."
     return LET_COMPENSATE if cause == INERTIA and not compensates else CHANGES.get(cause, MEASURE)
 
 

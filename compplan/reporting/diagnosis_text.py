@@ -68,12 +68,13 @@ def list_effects(effects: Sequence[Mapping[str, Any]]) -> list[str]:
     for effect in effects:
         place = " ".join(str(effect[key]) for key in ("effect", "joint", "axis") if effect.get(key))
         size = describe_change(effect)
-        size = f"{size} (95 %)" if size else describe_parameters(effect["parameters"], effect.get("interval95"))
+        size = (
+            f"compliance {size} (95 %)" if size else describe_parameters(effect["parameters"], effect.get("interval95"))
+        )
         rivals = " or ".join(name_effect(rival) for rival in effect.get("ambiguous_with", [])[:3])
         lines.append(
             f"  {place}: probability {effect['probability']:.2f}, moves the tip "
-            f"{format_length(1e-3 * effect['explained_rms_mm'])}; {size}"
-            + (f"; fits as well: {rivals}" if rivals else "")
+            f"{format_length(1e-3 * effect['explained_rms_mm'])}; {size}" + (f"; or it is {rivals}" if rivals else "")
         )
     return lines
 

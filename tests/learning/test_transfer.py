@@ -157,8 +157,8 @@ def test_a_force_in_part_axes_turns_with_the_part() -> None:
     known = LearnedForce(2.0, 0.0, np.array([np.pi / 2, 0.0, 0.0]), 0.0, 0.0, (part_of(2.0),), "part")
     wrench = np.array([[0.0, 0.0, 5.0, 1.0, 0.0, 0.0]])
     wrench.flags.writeable = False  # as a constant force that is spread over waypoints
-    assert known.push(wrench, np.eye(3)) == pytest.approx(np.array([[0.0, -10, 0, 2, 0, 0]]))
-    assert known.push(wrench, turned) == pytest.approx(np.array([[10.0, 0, 0, 0, 0, -2]]))
+    assert known.correct(wrench, np.eye(3)) == pytest.approx(np.array([[0.0, -10, 0, 2, 0, 0]]))
+    assert known.correct(wrench, turned) == pytest.approx(np.array([[10.0, 0, 0, 0, 0, -2]]))
 
 
 def test_a_plan_and_its_band_read_the_process_file_of_the_robot_folder(job: Job, tmp_path: Path) -> None:

@@ -74,7 +74,7 @@ def test_tables_of_a_job_are_in_millimetres_degrees_and_millimetres_a_second() -
         (lambda: SpiralTable(outer_radius_mm=250, **PACE).generate(), "both or none of turns and length"),
         (lambda: SpiralTable(outer_radius_mm=250, length_mm=200, **PACE).generate(), "difference of its radii"),
         (lambda: SpiralTable(outer_radius_mm=9, inner_radius_mm=9, length_mm=0.01, **PACE).generate(), "thousandth"),
-        (lambda: CircleTable(radius_mm=1, turns=0, **PACE).generate(), "path of no length"),
+        (lambda: CircleTable(radius_mm=1, turns=0, **PACE).generate(), "path without length"),
         (lambda: CircleTable(radius_mm=1, turns=1e10, **PACE).generate(), "1e\\+10 turns, at most 10000"),
         (lambda: ConeTable(**{**CONE, "pitch_mm": 1e-9, "path": "z_level"}, **PACE).generate(), "at most 10000"),
         (lambda: ConeTable(**{**CONE, "depth_mm": 30}, **PACE).generate(), "must stay below 20 mm"),

@@ -100,7 +100,7 @@ def _describe_facts(facts: CamFacts) -> list[str]:
     if facts.cycles:
         lines.append(f"drilled holes   {facts.cycles}")
     if facts.events:
-        lines.append(f"events          {facts.events} (spindle, coolant, ..: plan and post carry them)")
+        lines.append(f"events          {facts.events} (spindle, coolant, ..: not in the CSV)")
     return lines + [f"note: {note}" for note in facts.notes]
 
 

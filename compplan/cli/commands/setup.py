@@ -331,7 +331,7 @@ def _describe_findings(findings: list[Remark]) -> list[str]:
         state = click.style(f"{finding.state:<4}", fg=COLOURS[finding.state])
         lines.append(f"{state}  {finding.about:<{width}}  {text}")
     odd = sum(finding.state == "odd" for finding in findings)
-    count = f"{odd} odd of {len(findings)} looked at" if odd else f"nothing odd; {len(findings)} looked at"
+    count = f"{len(findings)} checks: {odd or 'nothing'} odd"
     return [*lines, count]
 
 

@@ -212,7 +212,7 @@ class _RapidReader:
             raise InputError(f"{word} with {len(fields)} arguments, expected target, speed, zone and tool")
         switches = " ".join(fields)
         if re.search(r"\\T\s*:=", switches):
-            raise InputError(f"{word} with a time (\\T) is not read; give it a speed")
+            raise InputError(f"{word} with a time (\\T) is not read; remove \\T")
         found = re.search(r"\\WOBJ\s*:=\s*(\w+)", switches)
         wobj = found.group(1) if found else "WOBJ0"
         if wobj != self.robot.frame_name:

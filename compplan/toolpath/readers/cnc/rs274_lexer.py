@@ -164,7 +164,7 @@ class Lexer:
             if abs(float(number) * scale) >= FARTHEST_WITHOUT_POINT:
                 raise InputError(
                     f"{letter}{number} has no decimal point and may count in mm or in the control's least increment "
-                    f"(0.001 mm); write it with a point ({letter}{number}. or {letter}{float(number) / 1e3:g})"
+                    f"(0.001 mm); write it with a point ({letter}{number}. or {letter}{float(number) / 1e3:.3f})"
                 )
 
     def _read_more(self, line: str, raw: str, rest: str) -> tuple[Words, str] | None:
