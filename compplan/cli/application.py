@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes
 import errno
 import gc
 import importlib
@@ -21,6 +20,7 @@ import click
 from compplan.cli.terminal import add_verbosity, close_streams, open_streams
 from compplan.errors import CompplanError, InputError, find_near
 from compplan.io.lazy_imports import put_off
+from compplan.io.memory import keep_freed_memory
 from compplan.io.provenance import record_inputs
 from compplan.version import VERSION
 
@@ -29,9 +29,6 @@ DEBUG = "COMPPLAN_DEBUG"
 #: Threads of numeric libraries, unless set in the environment: one. Many small matrices do not benefit from more, and
 #: on a busy machine threads that wait for one another take six times the processor time.
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
-#: Options of glibc's mallopt [byte]: freed memory that is kept (M_TRIM_THRESHOLD), size of arrays allocated from it
-#: (M_MMAP_THRESHOLD). A plan of 50,000 waypoints requests half as many pages, and needs 2 s less of CPU.
-KEPT_MEMORY = {-1: 256 * 2**20, -3: 32 * 2**20}
 #: Purpose of each command, in the order of the help.
 COMMANDS = {
     "plan": "from a job to a corrected robot program",
@@ -132,9 +129,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         os.environ.setdefault(name, "1")
     words = list(sys.argv[1:] if arguments is None else arguments)
     gc.set_threshold(200_000, 20, 50)  # a command allocates many lasting objects at its start, and is short
-    with suppress(AttributeError, TypeError):  # other C libraries have no mallopt
-        for option, size in KEPT_MEMORY.items():
-            ctypes.CDLL(None).mallopt(option, size)
+    keep_freed_memory()
     _received.clear()
     previous = signal.signal(signal.SIGTERM, _leave_on_term)
     open_streams()

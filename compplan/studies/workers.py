@@ -26,6 +26,7 @@ from threading import Thread
 from typing import TYPE_CHECKING, Any
 
 from compplan.errors import CompplanError, InputError
+from compplan.io.memory import keep_freed_memory
 
 if TYPE_CHECKING:
     from compplan.robot import Array
@@ -99,7 +100,7 @@ def start_workers(workforce: Workers, chunks: int) -> Iterator[Workers]:
         yield workforce
         return
     others = set(active_children())
-    pool = ProcessPoolExecutor(count, start_server(), die_with_parent)
+    pool = ProcessPoolExecutor(count, start_server(), start_worker)
     try:
         with _one_thread():
             for _ in range(count):  # one process each
@@ -161,8 +162,9 @@ def _evaluate_stored(file: Path, points: Array) -> ChunkResult:
     return evaluate_points(_read_study(file), points)
 
 
-def die_with_parent() -> None:
-    """End this worker process when the process that started it ends for any reason."""
+def start_worker() -> None:
+    """Prepare a worker process: it keeps freed memory, and ends when the process that started it ends."""
+    keep_freed_memory()
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent is interrupted and ends its workers
     Thread(target=_wait_for_parent, daemon=True).start()
 
