@@ -76,9 +76,10 @@ def load_commands() -> None:
         "learning.part",
         "planning.plan",
         "reporting.page",
+        "toolpath.readers",
     )
-    for module in (*(f"compplan.{name}" for name in heavy), "matplotlib.pyplot", "rich.table", "casadi", "eaik",
-                   "scipy.signal", "compplan.toolpath.readers"):  # fmt: skip
+    others = ("matplotlib.pyplot", "rich.table", "casadi", "eaik", "scipy.signal", "concurrent.futures.process")
+    for module in (*(f"compplan.{name}" for name in heavy), *others, "multiprocessing.forkserver"):
         importlib.import_module(module)
     for encoding in ("utf-8-sig", "utf-16", "latin-1", "unicode-escape"):
         codecs.lookup(encoding)
