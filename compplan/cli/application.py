@@ -20,15 +20,12 @@ import click
 from compplan.cli.terminal import add_verbosity, close_streams, open_streams
 from compplan.errors import CompplanError, InputError, find_near
 from compplan.io.lazy_imports import put_off
-from compplan.io.memory import keep_freed_memory
+from compplan.io.process_settings import THREADS, keep_freed_memory
 from compplan.io.provenance import record_inputs
 from compplan.version import VERSION
 
 #: Environment variable that enables tracebacks of defects and all warnings.
 DEBUG = "COMPPLAN_DEBUG"
-#: Threads of numeric libraries, unless set in the environment: one. Many small matrices do not benefit from more, and
-#: on a busy machine threads that wait for one another take six times the processor time.
-THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 #: Purpose of each command, in the order of the help.
 COMMANDS = {
     "plan": "from a job to a corrected robot program",
@@ -125,7 +122,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     if DEBUG not in os.environ:
         warnings.simplefilter("ignore")
         os.environ.setdefault("PYTHONWARNINGS", "ignore")  # for worker processes
-    for name in THREADS:  # read at the import of numpy, which is after a command is found
+    # One thread unless the environment states more: many small matrices do not benefit from more, and on a busy machine
+    # threads that wait for one another take six times the processor time. numpy is imported after a command is found.
+    for name in THREADS:
         os.environ.setdefault(name, "1")
     words = list(sys.argv[1:] if arguments is None else arguments)
     gc.set_threshold(200_000, 20, 50)  # a command allocates many lasting objects at its start, and is short

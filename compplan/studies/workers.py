@@ -26,7 +26,7 @@ from threading import Thread
 from typing import TYPE_CHECKING, Any
 
 from compplan.errors import CompplanError, InputError
-from compplan.io.memory import keep_freed_memory
+from compplan.io.process_settings import THREADS, keep_freed_memory
 
 if TYPE_CHECKING:
     from compplan.robot import Array
@@ -34,8 +34,6 @@ if TYPE_CHECKING:
 
 #: Greatest number of worker processes on one machine.
 MOST_WORKERS = 1024
-#: Threads of numeric libraries in a worker process.
-ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 #: Modules preloaded by the server from which workers are forked.
 LOADED = [f"{__package__}.study"]
 #: Address of a scheduler.
@@ -69,8 +67,8 @@ class Workers:
 @contextmanager
 def _one_thread() -> Iterator[None]:
     """Limit numeric libraries of processes started in this context to one thread each."""
-    before = {name: os.environ.get(name) for name in ONE_THREAD}
-    os.environ.update(dict.fromkeys(ONE_THREAD, "1"))
+    before = {name: os.environ.get(name) for name in THREADS}
+    os.environ.update(dict.fromkeys(THREADS, "1"))
     try:
         yield
     finally:
