@@ -36,7 +36,7 @@ class TorqueRules:
         self.limits = np.maximum(efforts, STATIC_ROOM * greatest)
         self.notes = [
             f"The static load of {robot.joint_names[j]} ({greatest[j]:.0f} N m) is beyond its effort limit "
-            f"({efforts[j]:.0f} N m): the limit is left out."
+            f"({efforts[j]:.0f} N m): the limit is raised to {STATIC_ROOM:g} times this load."
             for j in np.flatnonzero(greatest > efforts)
         ]
 
