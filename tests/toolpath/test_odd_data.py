@@ -73,7 +73,7 @@ def test_pasted_rows_narrow_no_interval(tmp_path, monkeypatch, capsys) -> None:
         low, high = line.rpartition("[")[2].rstrip("]").split(",")
         said.append(float(high) - float(low))
     assert answer.out.count("repeat earlier rows") == 1
-    assert "repeat earlier rows" in json.loads((tmp_path / "out3" / "identify.json").read_text())["notes"][0]
+    assert "repeat earlier rows" in json.loads((tmp_path / "out3" / "identify.json").read_text())["log_notes"][0]
     assert said[1] == pytest.approx(said[0], rel=0.1)
 
 

@@ -84,7 +84,7 @@ def run_identify(
     held = len(summary["unidentifiable"])
     notes = list_compliances(summary)
     notes += [f"note: {held} parameters cannot be determined, see the report"] if held else []
-    notes += dict.fromkeys([*(f"note: {note}" for note in summary["notes"]), *list_notes(campaign.notes)])
+    notes += [*(f"note: {note}" for note in summary["notes"]), *list_notes(campaign.notes)]
     files = ["identify.json", "report.html", "robot"]
     return CommandResult(summary, open_identification(summary).format(folder, files, notes))
 

@@ -112,7 +112,7 @@ def take_rows(campaign: Campaign, registration: Registration, loss: str) -> tupl
         InputError: If no row is usable.
     """
     row = np.flatnonzero(usable_rows(campaign))
-    notes = [note for note in campaign.notes if "repeat earlier rows" in note]
+    notes = []
     passed = int((campaign.usable & campaign.on_path).sum())
     if passed:
         notes.append(f"{passed} rows that were sampled on the fly are left out: lag is not compliance")
