@@ -28,6 +28,7 @@ from compplan.robot.shapes import describe_shapes, read_bodies
 from compplan.statics.chain import build_chain
 from compplan.statics.elastic import cartesian_compliance
 from compplan.statics.ik import middle_of_limits
+from compplan.uncertainty.assumed import REPEATABILITY
 from compplan.version import VERSION
 
 #: Plausible deflection of an arm in its softest direction under 1 kN (assumed; papers give 0.1 to 5 mm). [m]
@@ -120,7 +121,8 @@ def examine_robot(robot: Robot) -> list[Remark]:
     rigid, elastic = [joint.name for joint in robot.actuated if joint.name not in sprung], bool(sprung)
     counting = load_controller(robot)
     notes = {
-        ("repeatability", "repeatability_mm is not stated", "the data sheet's value / 3.6 will do"):
+        ("repeatability", f"repeatability_mm is missing in elasticity.toml: {1e3 * REPEATABILITY:g} mm is assumed",
+         "enter the data sheet's value / 3.6"):
             robot.repeatability is None,
         ("limits", "some joints have no effort limit: overload is not seen", ""):
             not np.isfinite(robot.effort_limits).all(),
@@ -159,10 +161,10 @@ def _check_springs(robot: Robot) -> Remark:
     q = middle_of_limits(robot) + np.random.default_rng(0).uniform(-0.9, 0.9, (POSES, robot.nq)) * half
     worst = 1e3 * np.linalg.norm(cartesian_compliance(build_chain(robot), q)[:, :3, :3], ord=2, axis=(1, 2))
     low, high = float(np.min(worst)), float(np.median(worst))
-    figures = f"{low * 1e3:.2g} mm at the stiffest pose, {high * 1e3:.2g} mm in the median of {POSES}"
+    figures = f"{low * 1e3:.2g} mm at best, {high * 1e3:.2g} mm typically (median of {POSES} poses)"
     advice = "forgot e-6, or stiffness in place of compliance?" if high > SOFTEST else ""
     advice = "compliance in another unit (rad/(N m), m/N)?" if high < STIFFEST else advice
-    return Remark("odd" if advice else "fine", "springs", f"1 kN bends the arm by {figures}", advice)
+    return Remark("odd" if advice else "fine", "springs", f"1 kN at the TCP bends the arm by {figures}", advice)
 
 
 def _check_shapes(robot: Robot) -> list[Remark]:
@@ -225,6 +227,11 @@ def examine_log(file: Path, robot: Robot | None = None) -> list[Remark]:
     remarks += [
         Remark("note", "column", f"no column with {lost}") for key, lost in OPTIONAL.items() if key not in table
     ]
+    readings = [key for key in ("x", "y", "z", "reading", "distance") if key in table]
+    if readings and not any(np.isfinite(table.values[key]).any() for key in readings):
+        titles = " ".join(table.headers[key] for key in readings)
+        text = f"{titles} {'are' if len(readings) > 1 else 'is'} empty in all {len(table)} rows"
+        remarks.append(Remark("odd", "readings", text, "enter what was measured"))
     if {"contact", "reading", "distance"} & {*table.text, *table.values}:
         text = "contacts, readings or distances: give the instrument by --instrument"
         remarks.append(Remark("fine", "instrument", text))

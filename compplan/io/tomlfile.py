@@ -206,8 +206,12 @@ def _say(details: ErrorDetails, holder: Any, where: str) -> str:
     if kind == "extra_forbidden":
         if holder is None:
             return "unknown key"
-        names = [field.alias or name for name, field in holder.model_fields.items()]
-        return f"unknown key, choose from {list(dict.fromkeys(find_near(str(details['loc'][-1]), names) + names))}"
+        key, tables = str(details["loc"][-1]), holder.model_fields.items()
+        nested = [f"{name}.{key}" for name, field in tables if key in getattr(field.annotation, "model_fields", ())]
+        if nested:
+            return f"unknown key; did you mean {where.removesuffix(key)}{' or '.join(nested)}?"
+        names = [field.alias or name for name, field in tables]
+        return f"unknown key, choose from {list(dict.fromkeys(find_near(key, names) + names))}"
     if kind in ("missing", "union_tag_not_found"):
         return "missing number" if isinstance(details["loc"][-1], int) else "missing key"
     if kind == "union_tag_invalid":

@@ -155,7 +155,9 @@ def _positions(table: Table, instrument: InstrumentFile | None) -> tuple[Array, 
 
 def _refuse_empty(campaign: Campaign, table: Table) -> None:
     if not campaign.usable.any():
-        raise table.error("no row has joints and a position, expected at least one")
+        unread = campaign.observations is None and not campaign.measured.any()
+        raise table.error("no reading is filled in yet: enter x_mm, y_mm, z_mm" if unread else
+                          "no row has joints and a reading, expected at least one")  # fmt: skip
     if not campaign.measured.any():
         return
     reach = float(np.nanmax(np.abs(campaign.position)))

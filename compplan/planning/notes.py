@@ -148,6 +148,13 @@ def mark_slow(task: PlanTask, timing: Timing) -> NDArray[np.bool_]:
     return np.asarray(slow & adjacent)
 
 
+def find_least_feed(task: PlanTask, timing: Timing) -> tuple[float, float] | None:
+    """Return the least feed where limits reduce it, and the programmed one there; None if they do not. [m/s]"""
+    slow = np.flatnonzero(mark_slow(task, timing))
+    least = slow[timing.feed[slow].argmin()] if len(slow) else 0
+    return (float(timing.feed[least]), float(task.nominal.feed[least])) if len(slow) else None
+
+
 def find_top_feed(task: PlanTask, timing: Timing) -> float | None:
     """Return the greatest feed of the cuts that never reach the programmed one; None if all reach it. [m/s]"""
     runs = cutting_runs(task.nominal.rapid | task.lead)

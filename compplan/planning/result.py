@@ -153,9 +153,9 @@ class Plan(Shown):
     def verdict(self) -> ToleranceVerdict:
         """Whether the 95 % band is within the tolerance: `word` for software, `sentence` for people."""
         return check_tolerance(
-            self.task, self.status, self.error_band, left=self.after.distance, known=self.motion is not None,
-            failures=self.command.failures, failure=self.explain_failures(),
-            compensates=self.job is None or self.job.plan.inertia,
+            self.task, self.status, self.error_band, before=self.before.distance, left=self.after.distance,
+            known=self.motion is not None, failures=self.command.failures, failure=self.explain_failures(),
+            corrected=self.strategy != "none", compensates=self.job is None or self.job.plan.inertia,
             traced=self.executed is not None and self.executed.known,
         )  # fmt: skip
 
@@ -170,6 +170,9 @@ class Plan(Shown):
         if start is not None and start.cause and far:
             word, stops, rest, rows = "are out of reach", start.cause, len(rows) - len(far), far
             stops += f"; {rest} others need more correction than plan.max_correction_mm" if rest else ""
+        elif not far:
+            most = 1e3 * self.task.max_correction
+            word, stops = f"need more correction than plan.max_correction_mm = {most:g}", "raise it"
         return (f"{len(rows)} of {len(self.task)} waypoints {word}, the first is waypoint {rows[0]} "
                 f"(s = {1e3 * self.task.nominal.arc_length[rows[0]]:.0f} mm): {stops}")  # fmt: skip
 

@@ -6,6 +6,7 @@ deviations is unknown and the rest of the band lies within the tolerance.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -14,21 +15,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.io.quantities import state_mm
-from compplan.planning.task import PlanTask
+from compplan.planning.task import CORRECTION_LIMIT, PlanTask
 from compplan.robot import Array, Robot
 from compplan.uncertainty.band import CAUSES, ErrorBand
-from compplan.uncertainty.ladder import DO
+from compplan.uncertainty.ladder import DO, join_steps
 
 FORCE, INERTIA = "process force", "inertia and vibration"
 #: Values of the verdict.
 KEEPS, MAY_NOT_KEEP, NOT_KNOWN = "keeps", "may_not_keep", "not_known"
 MEASURE = "Measure the robot: compplan campaign JOB --poses 12 --out poses."
 LET_COMPENSATE = "Let the plan compensate it: [plan] inertia = true."
+#: Cause and remedy of a program without correction.
+UNCORRECTED, CORRECT = 'the program is not corrected (plan.strategy = "none")', 'Correct it: plan.strategy = "nlp".'
+#: Causes that less force reduces.
+ELASTIC = (FORCE, "stiffness of the robot")
 #: Next step if a check disagrees with the plan or its files.
-RESOLVE = (
-    "Do not run the programs. Change what is named here in the job or the robot folder; if neither explains it, "
-    "report both as a defect."
-)
+RESOLVE = "Do not run the programs. Change what is named here in job or robot folder, or report it as a defect."
 #: Message in place of the band of a compromise.
 NO_BAND = "No 95 % band is stated, waypoints are out of reach"
 #: Remedy by the largest cause.
@@ -63,8 +65,9 @@ class ToleranceVerdict:
 
 
 def check_tolerance(
-    task: PlanTask, status: str, error_band: ErrorBand | None, *, left: Array, known: bool,
-    failures: Mapping[int, str], failure: str = "", compensates: bool = True, traced: bool = False,
+    task: PlanTask, status: str, error_band: ErrorBand | None, *, before: Array, left: Array, known: bool,
+    failures: Mapping[int, str], failure: str = "", corrected: bool = True, compensates: bool = True,
+    traced: bool = False,
 ) -> ToleranceVerdict:  # fmt: skip
     """Check the 95 % band of a plan against the tolerance.
 
@@ -72,10 +75,12 @@ def check_tolerance(
         task: The task of the plan.
         status: "solved", "not_confirmed" or "infeasible".
         error_band: The 95 % band of the true tip, None if unknown.
-        left: Remaining distance of the tip from the path for a robot as modelled. Shape (n,). [m]
+        before: Distance of the tip from the path without correction, for a robot as modelled. Shape (n,). [m]
+        left: The same with correction. Shape (n,). [m]
         known: Whether masses and springs are known, so that the band includes inertia.
         failures: Failed waypoints and their limits.
         failure: Description of the failure.
+        corrected: Whether the strategy corrects the program.
         compensates: Whether the job allows the plan to compensate the inertia of the motion.
         traced: Whether the drives were identified.
     """
@@ -93,9 +98,7 @@ def check_tolerance(
         return state(NOT_KNOWN, sentence, missing, change, share)
 
     if status == "infeasible":
-        limits = sorted({name for text in failures.values() for name in text.split(", ")})
-        cause = f"limits ({', '.join(limits[:2])})" if limits else "limits"
-        change = "Move the part (compplan place JOB), or allow a wider tolerance."
+        cause, change = explain_limits(task, failures, before)
         first = f" (the first is waypoint {min(failures)})" if failures else ""
         sentence = (f"Do not start: there is no solution. May not keep {wanted}: {len(failures)} waypoints are not "
                     f"reached within the limits{first}. Largest cause: {cause}. {change} {NO_BAND}.{inertia}"
@@ -105,7 +108,7 @@ def check_tolerance(
         return withhold("no robot within the uncertainty has an equilibrium under this load", MEASURE, None)
     use, length = np.where(task.cut, error_band.along, 0.0) / task.tolerance, task.nominal.arc_length
     beyond = use > 1.0
-    share, cause = share_length(length, task.cut, beyond), find_cause(error_band, left)
+    share, cause = share_length(length, task.cut, beyond), find_cause(error_band, left, corrected=corrected)
     if beyond.any():
         change = find_change(error_band, cause, compensates=compensates)
         worst = f"{1e3 * length[error_band.widest]:.4g} mm along the path"
@@ -114,7 +117,8 @@ def check_tolerance(
                )  # fmt: skip
         sentence = f"{off} {change}{'' if change == LET_COMPENSATE else inertia}"
         if status != "solved":
-            change, sentence = RESOLVE, f"Do not start: the plan is {failure}. {RESOLVE} {off}"
+            change = CORRECT if cause == UNCORRECTED else RESOLVE
+            sentence = f"Do not start: the plan is {failure}. {change} {off}"
         return state(MAY_NOT_KEEP, sentence, cause, change, share)
     if status == "not_confirmed":
         return withhold(f"the plan is {failure}", RESOLVE, share)
@@ -128,9 +132,27 @@ def check_tolerance(
     return state(KEEPS, sentence, cause, "", share)
 
 
-def find_cause(error_band: ErrorBand, left: Array) -> str:
+def explain_limits(task: PlanTask, failures: Mapping[int, str], before: Array) -> tuple[str, str]:
+    """Return the limits that stop most waypoints, and the remedy. before: distance without correction, (n,) [m]"""
+    limits = Counter(text.split(", ")[0] for text in failures.values()).most_common(2)
+    beyond = [waypoint for waypoint, text in failures.items() if text == CORRECTION_LIMIT]
+    place, change = "compplan place JOB", list[str]()
+    if beyond:
+        most = 1e3 * float(before[beyond].max())
+        change.append(f"Raise plan.max_correction_mm above {most:.3g} ({len(beyond)} waypoints)")
+    if others := len(failures) - len(beyond):
+        change.append(
+            f"for the other {others}: {place}" if beyond else f"Move the part: {place} finds a place in reach"
+        )
+    listed = [f"{name[11:-1] if name.startswith('clearance (') else name} at {count} waypoints"
+              for name, count in limits]  # fmt: skip
+    return ", ".join(listed) or "limits", f"{'; '.join(change)}."
+
+
+def find_cause(error_band: ErrorBand, left: Array, *, corrected: bool) -> str:
     """Find the cause whose measurement narrows the band most, otherwise the largest cause at the widest place."""
-    causes = {**error_band.causes, "what the plan itself leaves": float(left[error_band.widest])}
+    own = "path error of the corrected program" if corrected else UNCORRECTED
+    causes = {**error_band.causes, own: float(left[error_band.widest])}
     alone = {rung.step: rung.alone for rung in error_band.ladder}
     largest = max(causes, key=causes.__getitem__)
     if largest in (*CAUSES, FORCE) and {"force_log", "poses"} <= set(alone):
@@ -142,12 +164,19 @@ def find_cause(error_band: ErrorBand, left: Array) -> str:
 
 def find_change(error_band: ErrorBand, cause: str, *, compensates: bool = True) -> str:
     """Find the remedy: the cheapest sufficient measurements, otherwise another tolerance, force or measurement."""
+    if cause == UNCORRECTED:
+        return CORRECT
     if error_band.ladder and cause not in (INERTIA, "place of the part", "repeatability"):
         if error_band.cheapest:
             chosen = " and ".join(DO[step] for step in error_band.cheapest)
             return f"{chosen[0].upper()}{chosen[1:]}: then it keeps."
         best = min(rung.band for rung in error_band.ladder[1:])
-        return f"Reduce the force, or take all measurements of the ladder and allow a tolerance above {state_mm(best)}."
+        steps = join_steps([rung.step for rung in error_band.ladder[1:]])
+        # clearly more: corners and fit of the program use a share of the tolerance
+        allow = f"take {steps} (band {state_mm(best)}) and allow clearly more"
+        return (
+            f"Reduce the force, or {allow}." if cause in ELASTIC else f"{allow.capitalize()}; less force helps little."
+        )
     return LET_COMPENSATE if cause == INERTIA and not compensates else CHANGES.get(cause, MEASURE)
 
 
@@ -155,9 +184,10 @@ def describe_basis(error_band: ErrorBand) -> str:
     """State whether robot and force are measured or assumed."""
     robot = "measured" if error_band.known.grade == "measured" else "assumed, not measured"
     if not np.any(error_band.parts["force"]):
-        return f"the robot is {robot}"
-    force = "as the job states it" if "assumed" not in error_band.force.source else "is assumed"
-    return f"the robot is {robot}; the force {force}"
+        return f"robot {robot}; no cutting force ([process] adds it)"
+    if "assumed" not in error_band.force.source:
+        return f"robot {robot}; force as the job states it"
+    return "robot measured; force assumed" if robot == "measured" else f"robot and force {robot}"
 
 
 def list_left_out(robot: Robot, error_band: ErrorBand | None, *, inertia_known: bool, traced: bool) -> tuple[str, ...]:

@@ -23,7 +23,7 @@ from compplan.io.quantities import (
     format_set_length,
 )
 from compplan.job.job import Job
-from compplan.planning.notes import find_top_feed, mark_slow
+from compplan.planning.notes import find_least_feed, find_top_feed
 from compplan.planning.tolerance_verdict import KEEPS, NOT_KNOWN
 from compplan.process.cutting import CuttingTable
 from compplan.reporting.charts import draw_curves
@@ -41,14 +41,9 @@ TONES = {"keeps": "good", "may_not_keep": "bad", "not_known": "unsure"}
 NO_PROGRAM = {".html", ".json", ".png", ".npz", ".glb", ".bin", ".toml", ".urdf"}
 NO_PROGRAM_NAMES = {"deviation.csv", "forces.csv"}
 #: Greatest width of a line on the terminal. [characters]
-WIDTH = 100
+WIDTH = 120
 #: Longest path of a job file shown in full; of longer ones only the name is shown. [characters]
 LONGEST_FILE = 40
-#: The next step of a plan that is not solved.
-NEXT = {
-    "not_confirmed": "do not run the programs; change what is named below in the job or the robot folder",
-    "infeasible": "compplan place JOB looks for a place where all of the path is within reach",
-}
 FIRST_RUN = "Run the program without a part at reduced override, then cut and measure one part."
 
 
@@ -170,13 +165,12 @@ def _describe_run(plan: Plan) -> list[tuple[str, str]]:
     first = plan.approach.key_q[0] if len(plan.approach.key_q) else plan.q[0]
     joints = ", ".join(f"{name.split('_')[0]} {round(float(values[0]), 2) + 0.0:.2f} {name.split('_')[1]}"
                        for name, values in robot.joint_columns(first[None]).items())  # fmt: skip
-    wanted = 1e3 * task.nominal.feed[task.cut & ~task.nominal.rapid]
-    slow, speed = mark_slow(task, plan.timing), "not known"
+    wanted, speed = 1e3 * task.nominal.feed[task.cut & ~task.nominal.rapid], "not known"
     if len(wanted):
         ends = dict.fromkeys(f"{end:.4g}" for end in (wanted.min(), wanted.max()))
-        speed = f"programmed {' to '.join(ends)} mm/s"
+        low = find_least_feed(task, plan.timing)
+        speed = f"programmed {' to '.join(ends)} mm/s{f', lowered to {1e3 * low[0]:.3g} mm/s' if low else ''}"
         top = find_top_feed(task, plan.timing)
-        speed += f", lowered to {1e3 * plan.timing.feed[slow].min():.3g} mm/s" if slow.any() else ""
         speed += f", not reached: at most {1e3 * top:.3g} mm/s" if top is not None else ""
     clearance = describe_clearance(plan)
     force = float(np.linalg.norm(task.wrench[:, :3], axis=1).max(initial=0.0))
@@ -222,24 +216,41 @@ def describe_clearance(plan: Plan) -> str:
 
 
 def format_plan(plan: Plan, folder: Path, files: Sequence[Path]) -> list[str]:
-    """Return the terminal lines of a written plan: at most six, then each point to resolve, in full."""
-    step = _name_job(plan, NEXT.get(plan.status) or plan.verdict.change or FIRST_RUN.rstrip("."))
-    before, after = (format_mm(run.max_deviation) for run in (plan.before, plan.after))
-    band, sizes = plan.error_band, f"deviation {before} -> {after} as modelled"
+    """Return the terminal lines of a written plan: six, and before the last two each point to resolve, in full."""
+    step = _name_job(plan, plan.verdict.change or FIRST_RUN)
+    cause = f"largest cause: {plan.verdict.largest_cause}"
+    if plan.status != "infeasible" and (low := find_least_feed(plan.task, plan.timing)):
+        cause += f"; feed lowered from {1e3 * low[1]:.3g} to {1e3 * low[0]:.3g} mm/s in places"
+    lines = [_format_verdict(plan), _format_band(plan), cause, _format_basis(plan)]
+    step = f"next: {step[0].lower()}{step[1:].rstrip('.')}"
+    wrote = format_files(folder, files, count_notes(plan.notes), plan.status)
+    return [*map(_shorten, lines), *format_stops([*plan.reasons, *plan.notes]), wrote, _shorten(step)]
+
+
+def _format_band(plan: Plan) -> str:
+    """Return the 95 % band without and with correction and the deviation of the model, on one line."""
+    band, model = plan.error_band, f"model alone: {format_mm(plan.before.max_deviation)} uncorrected"
     if band is None:
-        sizes += "; no 95 % band is stated"
-    else:
-        without = "" if band.before is None else f"{format_mm(band.before[1])} -> "
-        sizes += f"; 95 % band {without}{format_mm(band.whole)}"
+        kept = plan.task.cut.copy()
+        kept[list(plan.command.failures)] = False
+        most = format_mm(float(plan.after.distance[kept].max(initial=0.0)))
+        where = f"; where all limits hold, the planned tip is up to {most} off" if kept.any() else ""
+        return f"no 95 % band: the plan is not complete{where}"
+    sizes = [] if band.before is None else [f"{format_mm(band.before[1])} uncorrected"]
+    sizes += [f"{format_mm(band.whole)} corrected"] if plan.strategy != "none" else []
+    return f"off the path (95 %): {', '.join(sizes)} ({model})"
+
+
+def _format_basis(plan: Plan) -> str:
+    """Return what the band assumes, and where the part frame comes from, on one line."""
     basis = plan.verdict.basis or f"robot model: {plan.robot.grade}"
-    if plan.job is not None:
-        frame = "taken as touched off" if plan.job.part.touched_off else "absolute in the robot base"
-        basis += f"; part frame {frame}"
-    return [
-        _format_verdict(plan), sizes, *wrap(f"largest cause: {plan.verdict.largest_cause}",
-                                            f"next: {step[0].lower()}{step[1:]}"),
-        format_files(folder, files, count_notes(plan.notes)), basis, *format_stops([*plan.reasons, *plan.notes]),
-    ]  # fmt: skip
+    if plan.job is None:
+        return basis
+    if not plan.job.part.touched_off:
+        return f"{basis}; part frame absolute in the robot base"
+    touch = f"{basis}; touch off the part with this robot and tool"
+    other = f"{touch} (else [part] touched_off = false)"
+    return other if len(other) <= WIDTH else touch
 
 
 def format_stops(notes: Iterable[str]) -> list[str]:
@@ -253,7 +264,7 @@ def count_notes(notes: Iterable[str]) -> str:
     return f" ({count} note{'s' * (count > 1)})" if count else ""
 
 
-def format_files(folder: Path, files: Sequence[Path], notes: str = "") -> str:
+def format_files(folder: Path, files: Sequence[Path], notes: str = "", status: str = "solved") -> str:
     """Return a line with the written files and the number of programs; `notes` follows the report."""
     shown: list[str] = [
         name for name in ("report.html", "plan.json", "joints.csv") if name in {file.name for file in files}
@@ -261,15 +272,12 @@ def format_files(folder: Path, files: Sequence[Path], notes: str = "") -> str:
     count = len([file for file in files if _is_program(file) and file.name not in shown])
     shown = [f"{name}{notes}" if name == "report.html" else name for name in shown]
     shown += [f"{count} program file{'s' * (count > 1)}"] if count else []
-    return f"wrote {', '.join(shown)} to {folder}"
+    unsafe = "" if status == "solved" or not count else f"; the programs are marked {status}: do not load them"
+    return f"wrote {', '.join(shown)} to {folder}{unsafe}"
 
 
-def wrap(first: str, second: str) -> list[str]:
-    """Join two phrases on one line if they fit, otherwise return two lines; longer ones are cut between words."""
-    if len(joined := f"{first}; {second}") <= WIDTH:
-        return [joined]
-    return [textwrap.shorten(text, WIDTH, placeholder=" ...") if len(text) > WIDTH else text
-            for text in (first, second)]  # fmt: skip
+def _shorten(text: str) -> str:
+    return textwrap.shorten(text, WIDTH, placeholder=" ...") if len(text) > WIDTH else text
 
 
 def _format_verdict(plan: Plan) -> str:

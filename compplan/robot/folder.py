@@ -14,7 +14,7 @@ import numpy as np
 import tomli_w
 from pydantic import Field
 
-from compplan.errors import InputError, UnknownNameError
+from compplan.errors import InputError, UnknownNameError, find_near
 from compplan.io.tables import escape_bytes, read_text, write_text
 from compplan.io.tomlfile import SchemaOne, StrictTable, check_table, read_toml_model
 from compplan.robot.elasticity import ElasticityTable, build_links, build_springs
@@ -70,6 +70,10 @@ def find_robot_folder(name: str | Path, relative_to: Path | None = None) -> Path
     shipped = robot_folders()
     if str(name) in shipped:
         return shipped[str(name)]
+    if len(Path(name).parts) > 1:
+        folders = [str(file.parent) for path in candidates for file in sorted(path.parent.glob("*/robot.urdf"))]
+        near = find_near(str(name), folders)
+        raise InputError(f"no robot folder {str(name)!r}{f'; is it {near[0]!r}?' if near else ''}")
     raise UnknownNameError("robot", str(name), sorted(shipped))
 
 

@@ -51,13 +51,20 @@ COSTS = {
     "poses": (60.0, "tracker"),
     "first_part": (90.0, "coordinate measuring machine"),
 }
-#: The command of each measurement.
+#: Short name and command of each measurement.
+SHORT = {"touch_off": "touch-off", "force_log": "force log", "poses": "12 poses", "first_part": "a first part"}
 DO = {
     "touch_off": "touch the part off ([part] touched_off = true)",
     "force_log": "log the force of a cut (compplan forces JOB --log LOG)",
     "poses": "measure 12 poses (compplan campaign JOB --pull-N 400)",
     "first_part": "measure a first part (compplan learn JOB MEASURED)",
 }
+
+
+def join_steps(steps: Sequence[str]) -> str:
+    """List measurements by their short names."""
+    names = [SHORT[step] for step in steps]
+    return " and ".join(filter(None, (", ".join(names[:-1]), names[-1])))
 
 
 def predict_bands(

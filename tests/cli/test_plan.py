@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 from pathlib import Path
 
@@ -20,7 +21,7 @@ SETTLE = "before the machine moves: "
 
 
 @pytest.mark.parametrize("job", ["circle_10mm", "limits_reach"])
-def test_a_plan_prints_six_lines_of_100_characters_at_most(
+def test_a_plan_prints_six_lines_and_ends_with_the_next_step(
     job: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -28,20 +29,21 @@ def test_a_plan_prints_six_lines_of_100_characters_at_most(
     given = str(shutil.copy(PATHS / f"{job}.toml", "jobs"))
     answer = run_command(["plan", given, "--out", "out"], monkeypatch, capsys)
     lines = answer.out.splitlines()
-    assert job != "limits_reach" or any(line.startswith(f"next: compplan place {given} looks for") for line in lines)
+    raised = r"next: raise plan.max_correction_mm above [\d.]+ \(\d+ waypoints\)"
+    assert job != "limits_reach" or re.fullmatch(rf"{raised}; for the other \d+: compplan place {given}", lines[-1])
     stops = json.loads(Path("out/plan.json").read_text(encoding="utf-8"))["stops"]
     settle = [line.removeprefix(SETTLE) for line in lines if line.startswith(SETTLE)]
     others = [line for line in lines if not line.startswith(SETTLE)]
     assert settle == stops
-    assert 5 <= len(others) <= 6 and max(map(len, others)) <= WIDTH
-    assert "->" in others[1] and any(line.startswith("wrote report.html") for line in others)
+    assert len(others) == 6 and max(map(len, others)) <= WIDTH
+    assert "95 %" in others[1] and lines[-2].startswith("wrote report.html") and lines[-1].startswith("next: ")
 
 
 def test_long_notes_that_must_be_settled_are_not_cut_and_remarks_are_counted() -> None:
     stops = [Stop("check every axis against the display " * 9), Stop("is z of the part turned over?")]
     plan = make_plan().add_checks(state_notes([stops[0], "a remark", stops[1], "another remark"]))
     lines = format_plan(plan, Path("out"), [Path("out/plan.json")])
-    assert lines[-2:] == [f"{SETTLE}{stop}" for stop in stops]
+    assert lines[-4:-2] == [f"{SETTLE}{stop}" for stop in stops]
     assert any(line.startswith("wrote plan.json") for line in lines)
     assert "wrote report.html (2 notes), plan.json to out" in format_plan(
         plan, Path("out"), [Path("out/plan.json"), Path("out/report.html")]

@@ -112,7 +112,10 @@ def test_swings_are_told_by_waypoint(tmp_path: Path) -> None:
     q[:, 4] = np.radians([-10, -5, 5, 10])
     program = build_program(robot, q, np.full(4, 0.1), np.zeros(4, bool), name="x", time=np.arange(4.0) * 0.01)
     notes = describe_program(program, "krl")
-    assert "krl: the configuration changes within a cut, at 2: linear programs swing over" in notes
+    assert (
+        "krl: the arm flips (shoulder, elbow or wrist) during the cut at waypoints 2: do not run the linear program"
+        in notes
+    )
 
 
 def test_a_robot_on_a_rail_gets_no_urscript(tmp_path: Path) -> None:

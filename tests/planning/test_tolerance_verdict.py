@@ -67,10 +67,10 @@ def test_a_job_that_leaves_inertia_alone_says_so_and_so_does_the_basis_of_a_robo
     measured = plan_compensation(replace(robot, uncertainty=known), nominal, options).verdict
     assert plain.word == measured.word == "keeps"
     assert plain.sentence.endswith(
-        "along the whole cut (the robot is assumed, not measured; the force is assumed)."
+        "along the whole cut (robot and force assumed, not measured)."
         " Inertia is not compensated: [plan] inertia = false."
     )
-    assert "(the robot is measured; the force is assumed)" in measured.sentence
+    assert "(robot measured; force assumed)" in measured.sentence
 
 
 def test_the_verdict_is_the_first_line_and_stands_in_plan_json_and_in_the_program(

@@ -184,7 +184,7 @@ def test_a_touched_off_part_is_cut_better_with_the_correction(
             text = job.read_text(encoding="utf-8")
             job.write_text(text.replace("[part]\n", f"[part]\npoints_mm = {part_text}\n"), encoding="utf-8")
         answer = run_command(["plan", job, "--out", tmp_path / f"out_{strategy}"], monkeypatch, capsys)
-        assert "part frame taken as touched off" in answer.out
+        assert "touch off the part with this robot and tool" in answer.out
         assert answer.status == (0 if strategy == "nlp" else 3), answer.err
         programs[strategy] = read_cut(tmp_path / f"out_{strategy}")
     summary = json.loads((tmp_path / "out_nlp" / "plan.json").read_text(encoding="utf-8"))

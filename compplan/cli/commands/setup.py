@@ -153,7 +153,7 @@ def _init_job(file: Path, robot_name: str | None, toolpath: str | None, *, short
     if robot is not None:
         words |= {"robot": robot_name, "language": _native_language(robot), "tool": describe_mount(robot, used=cam)}
     if toolpath is not None:
-        _check_toolpath(file.parent / toolpath)
+        _check_toolpath(file.parent / toolpath, file.name)
         words |= {"toolpath": _line("toolpath", toolpath), "model": "milling" if cam else "columns", "assumed": cam}
         if cam:
             try:
@@ -210,12 +210,12 @@ def _round_down(value: float) -> float:
     return round(math.floor(value / step) * step, 6)
 
 
-def _check_toolpath(path: Path) -> None:
+def _check_toolpath(path: Path, job: str) -> None:
     """Refuse a file that is not a toolpath; a CAM file is not read, because it may need settings of the job."""
     from compplan.toolpath.readers.lines import read_bounded
 
     if not path.is_file():
-        raise InputError("no such toolpath (it counts from the folder of the job)", file=path)
+        raise InputError(f"no such file; --toolpath counts from the folder of {job}", file=path)
     if path.suffix.lower() not in (".csv", *list_suffixes()) and find_reader(path, read_bounded(path)) is None:
         raise InputError(
             f"is not a toolpath, expected a file that ends in .csv, {', '.join(list_suffixes())}", file=path

@@ -179,8 +179,8 @@ def describe_program(program: Program, language: str) -> list[str]:
     swings = np.flatnonzero(program.swings).tolist()
     if swings and language != "csv":
         where = f"{', '.join(map(str, swings[:5]))}{' ...' if len(swings) > 5 else ''}"
-        changes = f"{language}: the configuration changes within a cut, at {where}: linear programs swing over"
-        notes.append(Stop(changes))
+        notes.append(Stop(f"{language}: the arm flips (shoulder, elbow or wrist) during the cut at waypoints {where}: "
+                          "do not run the linear program"))  # fmt: skip
     module = WRITERS[language]
     describe, form = getattr(module, "describe", None), _form(language)
     own = list(describe(program)) if describe else []

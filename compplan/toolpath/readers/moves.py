@@ -245,10 +245,10 @@ class MoveLog:
         facts: dict[str, Any] = dict(self.counts)
         facts["events"] = sum(event.kind != "comment" for event in events)
         notes = tuple(
-            f"line {first}: {message}" + (f" ({times} times)" if times > 1 else "")
+            type(message)(f"line {first}: {message}" + (f" ({times} times)" if times > 1 else ""))
             for message, (first, times) in self.notes.items()
         )
-        prefixed = tuple(f"{file.name}, {note}." for note in notes)
+        prefixed = tuple(type(note)(f"{file.name}, {note}.") for note in notes)
         arc, line = table[:, 8:].astype(int).T
         rows = (table[:, :3] * 1e-3, table[:, 3:6], table[:, 6] * 1e-3, rapid)
         toolpath = Toolpath(*rows, None, "part", str(file), prefixed, events, arc=arc if arc.any() else None, line=line)

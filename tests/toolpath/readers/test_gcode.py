@@ -232,7 +232,7 @@ def test_rotary_words_without_a_stated_machine_are_refused(read) -> None:
 
 def test_a_compensated_contour_asks_what_the_file_holds(read) -> None:
     head = "G21 G90 G17\nG0 X0 Y0 Z5\nG1 Z0 F100\n"
-    with pytest.raises(InputError, match=r":4: G41 compensates the radius of the cutter: whether the file"):
+    with pytest.raises(InputError, match=r":4: G41 compensates the radius of the cutter. If the file"):
         read(f"{head}G41 D1 X10\n")
     cam = read(f"{head}G41 D1 X10\nY10\nG40 X0\n", compensation="centre_line")
     assert ends(cam)[-3:] == [[10, 0, 0], [10, 10, 0], [0, 10, 0]]

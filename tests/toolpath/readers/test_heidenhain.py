@@ -384,7 +384,7 @@ def test_the_text_says_the_language_whatever_the_ending(tmp_path: Path) -> None:
 
 
 def test_a_compensated_contour_asks_what_the_file_holds(read) -> None:
-    with pytest.raises(InputError, match=r":4: RL compensates .* write \[cam\] compensation = \"centre_line\""):
+    with pytest.raises(InputError, match=r":4: RL compensates .* --compensation centre_line"):
         read(close("L Z-2 F300 RL"))
     assert cuts(read(close("L Z-2 F300 RL\nL X+20 R0"), compensation="centre_line")) == [[0, 0, -2], [20, 0, -2]]
 

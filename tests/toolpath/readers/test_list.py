@@ -66,7 +66,7 @@ def test_what_may_change_the_path_is_refused(read, suffix: str, text: str, sente
 #: suffix, text, expected tips [mm] without the first, expected feeds [mm/s], words of a note or "".
 READ = [
     (".nc", HEAD + "M104 S0\nG1 X1 E5 F60\n", [[1, 0, 0]], [1], ""),
-    (".nc", HEAD + "G1 X1 F60 M77\n", [[1, 0, 0]], [1], "M77 is not read"),
+    (".nc", HEAD + "G1 X1 F60 M77\n", [[1, 0, 0]], [1], "M77 is unknown"),
     (".apt", write_apt("INSERT/G1 X5"), [[20, 0, 0]], [1], "text for the control is not read"),
     (".src", write_krl("SLIN {X 5} WITH $VEL.CP=0.2"), [[5, 0, 0], [20, 0, 0]], [200, 50], ""),
     (".src", write_krl("SLIN {X 5} WITH $VEL={CP 0.1,ORI1 200}, $ACC={CP 1}"), [[5, 0, 0], [20, 0, 0]], [100, 50], ""),

@@ -212,7 +212,7 @@ def test_a_file_without_cuts_says_so(tmp_path: Path) -> None:
 
 def test_notes_stay_with_the_toolpath_and_strict_refuses_them(read, tmp_path: Path) -> None:
     read("G21 M77\nG0 X0 Y0 Z0\nG1 X1 F9\n")
-    note = "part.nc, line 1: M77 is not read."
+    note = "part.nc, line 1: M77 is unknown: programs have it as a comment; if it switches something, add it."
     assert read_toolpath(tmp_path / "part.nc").notes == (note,)
     with pytest.raises(InputError, match=r"part.nc: 1 notes, strict allows none; the first: line 1: M77 is"):
         read_toolpath(tmp_path / "part.nc", cam=CamTable(strict=True))
@@ -229,7 +229,7 @@ def test_a_plan_tells_what_its_reader_noted(tmp_path: Path) -> None:
     }  # fmt: skip
     notes = json.loads(json.dumps(plan_job(check_job(data, tmp_path / "job.toml")).to_dict()["notes"]))
     assert [note for note in notes if note.startswith("part.nc, line")] == [
-        "part.nc, line 1: M77 is not read.",
+        "part.nc, line 1: M77 is unknown: programs have it as a comment; if it switches something, add it.",
         "part.nc, line 3: G41 compensates wear alone: the path is that of the tool's centre, as compensation = "
         "centre_line says.",
     ]

@@ -210,10 +210,9 @@ class Interpreter:
     def compensate_radius(self, word: str) -> None:
         """Note cutter radius compensation, or refuse it without the option `compensation`."""
         if self.options.compensation is None:
-            raise InputError(f"{word} compensates the radius of the cutter: whether the file holds the path of the "
-                             "tool's centre or the contour of the part is not known; write [cam] compensation = "
-                             '"centre_line" (--compensation) for the first, post-process the second as the centre\'s '
-                             "path")  # fmt: skip
+            raise InputError(f"{word} compensates the radius of the cutter. If the file holds the path of the cutter's "
+                             "centre: --compensation centre_line ([cam] compensation). If it holds the contour of the "
+                             "part: post-process it without radius compensation")  # fmt: skip
         self.note(
             f"{word} compensates wear alone: the path is that of the tool's centre, as compensation = centre_line says"
         )

@@ -175,8 +175,7 @@ class Lexer:
         if O_WORD.match(line):
             raise InputError(f"program control {line[:40]!r} (O words) is not read; write the program out")
         if (owner := OWNER_LINE.match(line)) and owns_words(float(owner.group(1))):
-            self.it.note(f"M{owner.group(1)} is not read")
-            self.it.log.add_event("comment", self.it.flow.line, text=f"M{owner.group(1)} of the CAM file")
+            self.it.machine.leave_out(f"M{owner.group(1)}", self.it.flow.line)
             return None
         if BARE_HOME.fullmatch(line):
             return [("G", 28.0)], line

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 
+from compplan.io.notes import Stop
 from compplan.toolpath.readers.arcs import Point, set_level
 from compplan.toolpath.readers.frames import PLANE_AXES
 from compplan.toolpath.readers.moves import MoveLog
@@ -193,8 +194,12 @@ class Machine:
                 log.add_event(kind, line)
         for code in machine:
             if code not in STARTING and code not in STOPPING and code not in self.silent:
-                log.note(f"M{code:g} is not read", line)
-                log.add_event("comment", line, text=f"M{code:g} of the CAM file")
+                self.leave_out(f"M{code:g}", line)
+
+    def leave_out(self, code: str, line: int) -> None:
+        """Note an unknown M code, which must be checked before the machine moves, and keep it as a comment."""
+        self.log.note(Stop(f"{code} is unknown: programs have it as a comment; if it switches something, add it"), line)
+        self.log.add_event("comment", line, text=f"{code} of the CAM file")
 
     def stop(self, machine: Iterable[float], line: int) -> bool:
         """Execute M codes after the move of their block; return whether the program ends."""
