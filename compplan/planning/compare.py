@@ -10,7 +10,7 @@ import numpy as np
 
 from compplan.io.display import Curve, Curves, Shown
 from compplan.io.provenance import describe_origin
-from compplan.io.quantities import format_length
+from compplan.io.quantities import format_mm
 from compplan.job.job import Job
 from compplan.measurement.distance import LEVEL
 from compplan.planning.evaluate import evaluate_run
@@ -37,6 +37,7 @@ class MonteCarloResult:
 
     source: str  #: Source of the standard deviations.
     rms: Mapping[str, Array]  #: By strategy: rms deviation over the cut of every random robot. Shape (draws,). [m]
+    greatest: Mapping[str, float]  #: By strategy: greatest deviation over the cut that 95 % of the robots keep. [m]
     interval: Mapping[str, tuple[float, float]]  #: By strategy: 95 % interval of the median. [m]
 
     def median(self, strategy: str) -> float:
@@ -78,10 +79,10 @@ class Comparison(Shown):
         """Return the remaining deviation of each strategy."""
         drawn, rows = self.drawn, []
         for name, run in self.as_modelled.items():
-            words = f"rms {format_length(run.rms_deviation)} as modelled"
+            words = f"rms {format_mm(run.rms_deviation)} as modelled"
             if drawn is not None:
-                words += f"; {format_length(drawn.median(name))} on every second robot within the 95 % band, "
-                words += f"{format_length(drawn.most(name))} on 95 % of them"
+                words += f", {format_mm(drawn.median(name))} on a typical robot, {format_mm(drawn.most(name))} on 95 % "
+                words += "of robots"
             rows.append((name, words if self.commands[name].status == "solved" else f"{words}; infeasible"))
         names = self.least
         text = f"{names[0]} leaves least"

@@ -95,7 +95,7 @@ def _list_closest(left: Mapping[str, float], share: float) -> list[str]:
 def open_comparison(comparison: Comparison) -> Summary:
     """Return the first screen: recommended strategy, and its deviation on robots like that of the job."""
     drawn, tolerance = comparison.drawn, comparison.task.tolerance
-    if drawn is None:  # rms and largest deviation on the robot as modelled, by strategy
+    if drawn is None:  # rms and greatest deviation on the robot as modelled, by strategy
         runs = comparison.evaluations[comparison.cells[0].name]
         found = {name: (run.rms_deviation, run.max_deviation) for name, run in runs.items()}
     else:  # median and 95 % of the rms on drawn robots
@@ -103,7 +103,7 @@ def open_comparison(comparison: Comparison) -> Summary:
     left = {name: median for name, (median, _) in found.items() if name not in ONLINE}
     equals = _list_closest(left, 1.0 + SAME)
     best = "nlp" if "nlp" in equals else equals[-1]  # nlp is preferred among equals
-    most = found[best][1]
+    most = found[best][1] if drawn is None else drawn.greatest[best]
     within = most <= tolerance
     where = "on the robot as modelled" if drawn is None else "on a typical robot like yours"
     if "none" in equals:
@@ -113,7 +113,7 @@ def open_comparison(comparison: Comparison) -> Summary:
         verb = "leaves" if len(others) == 1 else "leave"
         alike = f"; {join_names(others)} {verb} as little" if others else ""
         verdict = f"Plan with the strategy {name_strategy(best)}{alike}."
-    stays = "greatest deviation" if drawn is None else "it stays below that on 95 of 100 robots like yours"
+    stays = f"greatest deviation with it{'' if drawn is None else ' on 95 % of robots like yours'}"
     figures: list[tuple[str, ...]] = [
         (format_mm(left[best]), f"rms deviation with it, {where}"),
         (format_mm(most), f"{stays}; the tolerance is {format_set_length(tolerance)}", "good" if within else "bad"),
@@ -127,7 +127,7 @@ def open_comparison(comparison: Comparison) -> Summary:
     high = [1e3 * max(median, most) for median, most in found.values()]
     series = {"": Bars([1e3 * median for median, _ in found.values()], colour_strategies(found, best), None, high)}
     chart = draw_bars(names, series, "rms, mm", level=1e3 * tolerance, hover="%{x:.3g} mm")
-    caption = "Bar: every second robot like yours stays below it; tick: 95 of 100 do. Dashed: the tolerance."
+    caption = "Bar: rms on a typical robot like yours; tick: on 95 % of them. Dashed: the tolerance of single points."
     return Summary(verdict, "good" if within else "unsure", figures, Chart(chart, caption, 90 + 46 * len(found)), todo)
 
 

@@ -70,9 +70,9 @@ def _render(result: JobStudy) -> str:
 
 
 def _find_best(result: JobStudy) -> str:
-    """Return the strategy with the least mean rms deviation."""
+    """Return the strategy with most parts within the tolerance; of equals that with the least mean rms deviation."""
     figures = result.summary["strategies"]
-    return min(figures, key=lambda name: figures[name]["rms_mm"]["mean"])
+    return max(figures, key=lambda name: (figures[name]["within_tolerance"], -figures[name]["rms_mm"]["mean"]))
 
 
 def open_study(result: JobStudy) -> Summary:
@@ -81,19 +81,20 @@ def open_study(result: JobStudy) -> Summary:
     best = _find_best(result)
     entry, share = figures[best], float(figures[best]["within_tolerance"])
     tone = "good" if share >= 0.95 else "unsure" if share >= 0.5 else "bad"
-    verdict = f"{f'{100 * share:.0f}' if share else 'None'} of 100 parts keep {format_set_length(tolerance)},"
-    verdict += f"{' even' if share < 0.5 else ''} with the best strategy: {name_strategy(best)}."
+    none = f" (uncorrected {format_percent(figures['none']['within_tolerance'])})" if "none" in figures else ""
+    verdict = (f"{format_percent(share)} of {result.summary['samples']} simulated parts keep "
+               f"{format_set_length(tolerance)} with the best strategy, {name_strategy(best)}{none}.")  # fmt: skip
     numbers = [
-        (f"{100 * share:.0f} of 100", "parts within the tolerance over the whole path", tone),
-        (format_mm(1e-3 * entry["rms_mm"]["mean"]), "rms deviation with the best strategy, mean of all"),
-        (format_mm(1e-3 * entry["max_mm"]["p95"]), "95 of 100 parts are nowhere farther off than that"),
+        (format_percent(share), "of the parts within the tolerance over the whole path", tone),
+        (format_mm(1e-3 * entry["rms_mm"]["mean"]), "rms deviation with that strategy, mean of all parts"),
+        (format_mm(1e-3 * entry["max_mm"]["p95"]), "greatest deviation with it on 95 % of the parts"),
     ]
     todo = "More samples narrow the intervals: --samples."
     if result.sensitivity is not None:
         group = result.sensitivity.groups[int(np.argmax(result.sensitivity.total[result.summary["sensitivity_of"]]))]
         todo = f"Measure {GROUPS.get(group, group.replace('_', ' '))}: it makes most of the deviation that is left."
     boxes = "Box: middle half of the robots drawn; line: 5 to 95 %; dashed: the tolerance. Logarithmic."
-    picture = Chart(_draw_distributions(result.run), boxes, 90 + 34 * len(figures))
+    picture = Chart(_draw_distributions(result.run, best), boxes, 90 + 34 * len(figures))
     return Summary(verdict, tone, numbers, picture, todo)
 
 
@@ -123,7 +124,7 @@ def _show_path(run: Run) -> Section:
     length, time = (np.r_[0.0, np.cumsum(step)][study.stations] for step in (steps, study.task.step_time))
     median, most = (1e3 * np.maximum(np.quantile(run.evaluated.along, share, axis=0), FLOOR) for share in (0.5, 0.95))
     deviations = {
-        name_strategy(name): {"median": median[k], "95 of 100 cells": most[k]}
+        name_strategy(name): {"median": median[k], "95 % of the parts": most[k]}
         for k, name in enumerate(study.strategies)
     }
     stations = Stations(length, time, np.zeros(0, int), np.zeros((0, 2)))
@@ -148,10 +149,10 @@ def _show_sensitivity(found: Sensitivity, strategy: str) -> Section:
     return Section("Which uncertainty matters", blocks, "Total Sobol indices.")
 
 
-def _draw_distributions(run: Run) -> Figure:
+def _draw_distributions(run: Run, best: str) -> Figure:
     """Draw the rms deviation of every strategy over the samples as boxes with whiskers at 5 and 95 %."""
     figure, rms, names = Figure(), np.maximum(run.evaluated.rms, FLOOR), list(run.study.strategies)
-    colours = colour_strategies(names, names[int(np.argmin(rms.mean(axis=0)))])
+    colours = colour_strategies(names, best)
     ends = 1e3 * np.quantile(rms, (0.05, 0.25, 0.5, 0.75, 0.95), axis=0)
     for name, colour, (low, q1, median, q3, high) in zip(names, colours, ends.T.tolist(), strict=True):
         figure.add(

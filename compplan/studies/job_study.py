@@ -7,10 +7,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from compplan.errors import InputError
 from compplan.io.provenance import note_seed
 from compplan.job.job import Job
 from compplan.job.noise import NoiseTable
+from compplan.measurement.distance import LEVEL
 from compplan.planning.compare import Comparison, MonteCarloResult, compare_task
 from compplan.planning.plan import build_task, prepare_job
 from compplan.planning.task import PlanTask
@@ -108,8 +111,9 @@ def compare_job(job: Job, *, announce: Callable[[str], None] = lambda text: None
 def draw_strategies(task: PlanTask, noise: NoiseTable, force: ForceSpread, draws: int = DRAWS) -> MonteCarloResult:
     """Evaluate every strategy on the same robots, drawn as in a Monte Carlo study."""
     study = prepare_study(task, noise, most_waypoints=WAYPOINTS, force=force)
-    found = run_study(study, Settings(draws, SEED), workforce=Workers(workers=1)).evaluated.rms
-    rms = dict(zip(study.strategies, found.T, strict=True))
+    found = run_study(study, Settings(draws, SEED), workforce=Workers(workers=1)).evaluated
+    rms = dict(zip(study.strategies, found.rms.T, strict=True))
+    greatest = dict(zip(study.strategies, np.quantile(found.max, LEVEL, axis=0).tolist(), strict=True))
     ends = {name: estimate_quantile(values, 0.5) for name, values in rms.items()}
     source = f"{robot_uncertainty(task.robot).source}; force {force.source}"
-    return MonteCarloResult(source, rms, {name: (median.low, median.high) for name, median in ends.items()})
+    return MonteCarloResult(source, rms, greatest, {name: (median.low, median.high) for name, median in ends.items()})
