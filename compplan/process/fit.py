@@ -102,6 +102,11 @@ class FittedNumber:
     high: float
     unit: str
 
+    @property
+    def determined(self) -> bool:
+        """Return whether the interval excludes half and double the value; lag, offset and drift count as determined."""
+        return self.in_job == 0.0 or self.high - self.low < abs(self.value)
+
 
 @dataclass(frozen=True)
 class ForceFit:
@@ -184,8 +189,7 @@ def fit_forces(log: ForceLog, law: ForceLaw, nominal: Toolpath, file: Path) -> F
     # the position of a jump of force is not known better than a row of the log
     sigma[-1] = np.hypot(sigma[-1], float(np.median(np.diff(s))) / np.sqrt(12.0))
     numbers = _list_numbers(model, known, value, sigma)
-    notes = [f"The {model.names[k]} is not determined: the predicted force has no such part in this log."
-             for k in np.flatnonzero(~known)]  # fmt: skip
+    notes = [f"No fit of the {model.names[k]}: no such force is predicted." for k in np.flatnonzero(~known)]
     notes += _describe(numbers, int(known.sum()), lag, most)
     before = predicted[cut, :3] - measured[cut, :3]
     after = (left * scale)[cut, :3]
@@ -361,6 +365,9 @@ def _describe(numbers: tuple[FittedNumber, ...], own: int, lag: float, most: flo
         elif number.high < 0.0 and not number.name.startswith("axial"):
             notes.append(f"The {number.name} is fitted below 0 for sure, which no cut does: the model does not fit "
                          "this log; check cutter, stock, direction of cut and frame of the log.")  # fmt: skip
+        elif not number.determined:
+            air = ", it may be an offset of the sensor: log stretches in the air before and after the cut, too"
+            notes.append(f"The {number.name} is NOT DETERMINED by this log{air * (number.unit == '1')}.")
     return notes
 
 

@@ -202,7 +202,7 @@ def open_forces(found: ForcePrediction, summary: Mapping[str, Any]) -> Summary:
         figures.append((f"± {100 * level:.0f}\u00a0%", words))
     todo = "Plan with it: compplan plan JOB."
     if found.fit is not None:
-        todo = found.fit.level_warning or todo
+        todo = found.fit.level_warning or _use_fit(found.fit, found.job.process)
     elif level is not None and not stated:
         todo = "Measure the force of one cut and give the log: compplan forces JOB --log LOG.csv."
     if summary["stops"]:
@@ -212,6 +212,27 @@ def open_forces(found: ForcePrediction, summary: Mapping[str, Any]) -> Summary:
     about, where = "Size of the force along the path.", _locate_stations(found.nominal)
     picture = chart_lines(where, series, "N", "force", about, 330, zero=True)
     return Summary(verdict, tone, figures, picture, todo, summary["stops"])
+
+
+def _use_fit(fit: ForceFit, process: object) -> str:
+    """Return the next step with fitted numbers: where they belong in the job."""
+    if fit.coefficients is not None:
+        return "Write the coefficients for the job: --write FILE."
+    keys = {"factor to the left": "lateral_N", "factor along the tool axis": "axial_N"}
+    factors = [f"{key if hasattr(process, key := keys.get(one.name, '')) else one.name.replace('factor', 'the force')}"
+               f" by {one.value:.4g}" for one in fit.numbers if one.unit == "1" and one.determined]  # fmt: skip
+    if not factors:
+        return "Log the force again, with stretches in the air before and after the cut."
+    return f"Multiply {' and '.join(factors)} in [process] of the job, then compplan plan JOB."
+
+
+def list_fitted(fit: ForceFit) -> list[str]:
+    """Return a line for each fitted number: value, 95 % interval, value in the job."""
+    return [
+        f"  {one.name}: {f'{one.value:.4g} {one.unit}'.removesuffix(' 1') if one.determined else 'not determined'} "
+        f"(95 %: {one.low:.4g} to {one.high:.4g}){f'; {one.in_job:.4g} in the job' if one.in_job else ''}"
+        for one in fit.numbers
+    ]
 
 
 def _leave_out_air(found: ForcePrediction, value: Array) -> Array:
@@ -272,6 +293,7 @@ def _show_fit(fit: ForceFit) -> list[Block]:
     for number in fit.numbers:
         inside = number.low <= number.in_job <= number.high
         verdict = Cell("within" if inside else "differs", "good" if inside else "bad")
+        verdict = verdict if number.determined else Cell("not determined", "unsure")
         fitted = Cell(number.value, "strong")
         table.append([number.name, number.in_job, fitted, number.low, number.high, number.unit, verdict])
     columns = ["number", "in the job [, 4]", "fitted [, 4]", "from", "to (95 %)", "unit", "the job's value"]

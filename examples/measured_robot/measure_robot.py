@@ -30,6 +30,8 @@ JOB, BEFORE, ROBOT = HERE / "isf_cone.toml", ROOT / "paths" / "isf_cone.toml", R
 CAMPAIGN = ("--poses", "40", "--weights-kg", "0,60", "--pull-N", "1200", "--sigma-mm", "0.02")
 #: Gain [1], cross talk [rad] and noise [N] of the force sensor, one standard deviation; every so many rows are kept.
 GAIN, TURN, NOISE, KEPT = 0.01, float(np.radians(0.3)), 2.0, 10
+#: Step and number of the rows in the air before and after the cut. [mm, 1]
+AIR, AIR_ROWS = 5.0, 8
 #: Scatter of the force from part to part, one standard deviation, assumed: sheets of one coil.
 SCATTER = 0.01
 
@@ -43,7 +45,7 @@ def run(*words: object) -> None:
 
 
 def log_force(shop: VirtualShop, predicted: Path, log: Path) -> None:
-    """Write what the force sensor reads along the cut of a part: s_mm and the force in part axes."""
+    """Write what the force sensor reads along the cut of a part and in the air beside it: s_mm, force in part axes."""
     random = np.random.default_rng([SEED, 1])
     head = predicted.read_text(encoding="utf-8").splitlines()[0].split(",")
     table = np.loadtxt(predicted, delimiter=",", skiprows=1)
@@ -52,7 +54,11 @@ def log_force(shop: VirtualShop, predicted: Path, log: Path) -> None:
     force = table[:, [head.index(f"f{axis}_N") for axis in "xyz"]] * shop.force * (1.0 + SCATTER * random.normal())
     read = Rotation.from_rotvec(TURN * random.normal(size=3)).apply((1.0 + GAIN * random.normal()) * force)
     read += NOISE * random.normal(size=force.shape)
-    rows = np.column_stack([length[::KEPT], read])
+    length = length[::KEPT]
+    air = AIR * np.arange(1, AIR_ROWS + 1)  # before and after the cut: it tells the force from an offset of the sensor
+    length = np.concatenate([length[0] - air[::-1], length, length[-1] + air])
+    before, after = (NOISE * random.normal(size=(AIR_ROWS, 3)) for _ in range(2))
+    rows = np.column_stack([length, np.vstack([before, read, after])])
     np.savetxt(log, rows, "%.6g", ",", header="s_mm,fx_N,fy_N,fz_N", comments="")
 
 

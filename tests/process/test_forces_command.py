@@ -75,17 +75,27 @@ def test_a_log_gives_back_the_coefficients_that_made_it_within_their_intervals(l
     assert found["rms_before_N"] > 1.5 * found["rms_after_N"]
 
 
-def test_a_force_that_the_prediction_does_not_have_is_not_determined() -> None:
+def test_a_force_that_the_prediction_does_not_have_is_not_fitted(tmp_path) -> None:
     folder = POCKET.parents[1] / "measured_robot"
     nominal, law = load_path(load_job(folder / "isf_cone.toml"))
     fit = fit_forces(read_force_log(folder / "force_log.csv"), law, nominal, folder / "force_log.csv")
-    assert fit.notes[0].startswith("The factor along the travel is not determined")
+    assert all(number.determined for number in fit.numbers)
+    air = "rows in the air tell the force along the tool axis from the offset of the sensor"
+    rows = (folder / "force_log.csv").read_text(encoding="utf-8").splitlines()
+    bare = tmp_path / "bare.csv"
+    bare.write_text("\n".join([rows[0], *rows[9:-8]]) + "\n", encoding="utf-8")
+    unknown = [number.name for number in fit_forces(read_force_log(bare), law, nominal, bare).numbers
+               if not number.determined]  # fmt: skip
+    assert unknown == ["factor along the tool axis"], air
+    assert fit.notes == ("No fit of the factor along the travel: no such force is predicted.",)
     assert [number.name for number in fit.numbers[:2]] == ["factor to the left", "factor along the tool axis"]
     assert not fit.level_warning
 
 
 def test_a_log_of_another_cut_is_doubted_and_no_further_log_is_asked_for(tmp_path, monkeypatch, capsys) -> None:
-    log = POCKET.parents[1] / "measured_robot" / "force_log.csv"
+    rows = np.loadtxt(POCKET.parents[1] / "measured_robot" / "force_log.csv", delimiter=",", skiprows=1)
+    log, cut = tmp_path / "cut.csv", rows[(rows[:, 0] >= 0.0) & (rows[:, 0] < 2355.0)]  # without the rows in the air
+    np.savetxt(log, cut, "%.6g", ",", header="s_mm,fx_N,fy_N,fz_N", comments="")
     words = ["forces", POCKET.with_name("isf_cone.toml"), "--out", tmp_path / "out", "--log", log]
     answer = run_command(words, monkeypatch, capsys)
     assert "next: the log fits 0." in answer.out and "check that it is of this cut" in answer.out

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -222,7 +223,7 @@ def run_forces(job: Job, folder: Path, log: Path | None, table: Path | None) -> 
     """
     from compplan.job.loading import predict_forces
     from compplan.process.learned_force import FILE as PROCESS_FILE
-    from compplan.reporting.forces import open_forces, write_coefficients, write_forces, write_level
+    from compplan.reporting.forces import list_fitted, open_forces, write_coefficients, write_forces, write_level
 
     if table is not None and log is None:
         raise InputError("--write needs --log, the measured forces")
@@ -235,14 +236,10 @@ def run_forces(job: Job, folder: Path, log: Path | None, table: Path | None) -> 
         summary = write_forces(found, folder)
     notes = list(summary["notes"])
     if found.fit is not None:
-        notes += found.fit.notes
-        notes += [
-            f"  {number.name}: {number.value:.4g} {number.unit} [{number.low:.4g}, {number.high:.4g}], "
-            f"{number.in_job:.4g} in the job"
-            for number in found.fit.numbers
-        ]
+        notes += [*found.fit.notes, *list_fitted(found.fit)]
+    opening = open_forces(found, summary)
     if table is not None:
-        hint = "in a job: its [process.coefficients] in place of material"
-        notes.append(f"wrote {table}; {'plans with this robot folder read it' if table.name == PROCESS_FILE else hint}")
-    files = ["forces.json", "forces.csv", "report.html"]
-    return CommandResult(summary, open_forces(found, summary).format(folder, files, notes))
+        use = f"Put [process.coefficients] of {table} in place of material in a job, then plan it."
+        opening = replace(opening, next=f"Plan with {table.parent}." if table.name == PROCESS_FILE else use)
+        notes.append(f"wrote {table}")
+    return CommandResult(summary, opening.format(folder, ["forces.json", "forces.csv", "report.html"], notes))
