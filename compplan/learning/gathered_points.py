@@ -15,6 +15,8 @@ from compplan.robot.pose import rigid_columns
 
 #: Points within this distance along the path are averaged at a row. [m]
 NEAR = 2e-3
+#: Least share of the weight of a row's points along a direction that counts as measured (assumed).
+LEAST_SHARE = 0.2
 #: Length scale over which measured directions are averaged, so that both sides of a corner count (assumed). [m]
 AROUND = 0.01
 #: Quantile of the steps between neighbouring points that is the usual step (assumed: longer ones are gaps).
@@ -56,17 +58,20 @@ def gather_points(measured: MeasuredPath, length: Array) -> Gathered:
     row = row[near]
     rows, index, count = np.unique(row, return_inverse=True, return_counts=True)
     index = index.reshape(-1)
-    projector = np.zeros((len(rows), 3, 3))
-    np.add.at(projector, index, measured.counts[near])
-    # points of one row have one measuring direction, except at corners: mean projector with rounded eigenvalues
-    value, vector = np.linalg.eigh(projector / count[:, None, None])
-    counts = np.einsum("bik,bk,bjk->bij", vector, np.round(value), vector)
-    total, inverse = np.zeros((len(rows), 3)), np.zeros(len(rows))
     weight = 1.0 / measured.sigma[near] ** 2
+    total, inverse = np.zeros((len(rows), 3)), np.zeros(len(rows))
+    information = np.zeros((len(rows), 3, 3))
     np.add.at(total, index, weight[:, None] * measured.seen[near])
     np.add.at(inverse, index, weight)
-    deviation = np.einsum("bij,bj->bi", counts, total / inverse[:, None])
-    variance = 1.0 / inverse * (np.maximum(count / ALONE, 1.0) if measured.scanned else 1.0)
+    np.add.at(information, index, weight[:, None, None] * measured.counts[near])
+    # least squares in the directions of a row: one, or several at a corner and where a probe touched from several sides
+    value, vector = np.linalg.eigh(information / inverse[:, None, None])
+    kept = value > LEAST_SHARE
+    counts = np.einsum("bik,bk,bjk->bij", vector, kept, vector)
+    least = np.where(kept, value, 1.0)
+    deviation = np.einsum("bik,bk,bjk,bj->bi", vector, kept / least, vector, total / inverse[:, None])
+    variance = 1.0 / (inverse * least.min(axis=1))
+    variance = variance * (np.maximum(count / ALONE, 1.0) if measured.scanned else 1.0)
     return Gathered(rows, deviation, counts, variance, count)
 
 

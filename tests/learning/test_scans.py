@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation
 from compplan.errors import InputError
 from compplan.job.job import load_job
 from compplan.learning.alignment import fit_rigid
+from compplan.learning.gathered_points import gather_points
 from compplan.learning.measured_path import MeasuredPath, match_points, reach_of
 from compplan.measurement.part_points import FARTHEST, read_measured_points, read_surface
 from compplan.robot import Array
@@ -107,6 +108,21 @@ def test_a_probe_along_normals_counts_along_them_alone(stated: bool, tmp_path: P
     bad.write_text("x_mm,y_mm,z_mm,reading_mm\n1,2,3,0.1\n")
     with pytest.raises(InputError, match="dir_i dir_j dir_k"):
         read_measured_points(bad)
+
+
+@pytest.mark.parametrize("times", [(1, 1), (3, 1)])
+def test_a_place_that_was_touched_from_two_sides_counts_in_both_directions(times: tuple[int, int]) -> None:
+    """Readings of two directions at one place were all lost: their mean projector rounds to nothing."""
+    off, path = np.array([0.0, 2e-4, -3e-4]), bent_path()
+    rows = np.repeat(np.arange(0, 200, 10), sum(times))
+    units = np.tile(np.repeat([[0.0, 0.6, 0.8], [0.0, 0.8, -0.6]], times, axis=0), (20, 1))
+    counts = np.einsum("mi,mj->mij", units, units)
+    deviation = np.einsum("mij,j->mi", counts, off)
+    sigma = np.full(len(rows), 1e-5)
+    found = gather_points(MeasuredPath(path.arc_length[rows], deviation, counts, sigma, 0), path.arc_length)
+    np.testing.assert_allclose(found.deviation, np.tile(off, (20, 1)), atol=1e-12)
+    np.testing.assert_allclose(np.trace(found.counts, axis1=1, axis2=2), 2.0, atol=1e-9)
+    assert (found.variance >= 1e-10 / max(times)).all()
 
 
 def test_a_best_fit_takes_a_shift_and_turn_off_and_says_so(tmp_path: Path) -> None:

@@ -178,6 +178,7 @@ def test_modal_calls_drill_every_place_until_they_end(read) -> None:
 FLOWS = {
     "R1=0\nWHILE R1<3\nR1=R1+1\nG1 X=R1*10 F60\nENDWHILE": [10, 20, 30],
     "DEF INT I\nFOR I=1 TO 3\nG1 X=I*10 F60\nENDFOR": [10, 20, 30],
+    "FOR R1=1 TO 2\nFOR R2=1 TO 2\nG1 X=R1*10+R2 F60\nENDFOR\nENDFOR": [11, 12, 21, 22],
     "R1=5\nIF R1==5\nG1 X10 F60\nELSE\nG1 X20 F60\nENDIF\nG1 X30": [10, 30],
     "R1=4\nIF R1==5\nG1 X10 F60\nELSE\nG1 X20 F60\nENDIF\nG1 X30": [20, 30],
     "IF 1>2 GOTOF ENDE\nG1 X10 F60\nGOTOF ENDE\nG1 X20\nENDE:\nG1 X30": [10, 30],

@@ -42,11 +42,11 @@ class CncProgram:
 
 @dataclass
 class Call:
-    """Running program, with the state of its repetitions and counting loops by line."""
+    """Running program, with the repetitions that are left by line, and counting loops that begin their next pass."""
 
     program: CncProgram
     repeats: dict[int, int] = field(default_factory=dict)
-    counting: dict[int, float] = field(default_factory=dict)
+    counting: set[int] = field(default_factory=set)
 
 
 class Flow:

@@ -340,13 +340,16 @@ class SinumerikFlow:
         if word in ("WHILE", "UNTIL"):
             return index + 1 if self.evaluate(rest) else program.partners[index] + 1
         if word in ("ENDWHILE", "ENDLOOP", "ENDFOR"):
+            if word == "ENDFOR":
+                self.flow.call.counting.add(program.partners[index])
             return program.partners[index]
         if word == "FOR":
             name, first, last = match_form(r"([A-Z_]\w*)\s*=\s*(.+?)\s+TO\s+(.+)", rest, "FOR: FOR I = 1 TO 5").groups()
             key, counting = find_key(name), self.flow.call.counting
             self.values.names |= {name} if key[0] != "R" else set()
             value = self.values.numbers[key] + 1.0 if index in counting else self.evaluate(first)
-            self.values.numbers[key] = counting[index] = value
+            self.values.numbers[key] = value
+            counting.discard(index)
             return program.partners[index] + 1 if value > self.evaluate(last) else index + 1
         if word.startswith("GOTO"):
             return self._find_goto(word, rest, program, index)
