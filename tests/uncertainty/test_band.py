@@ -189,7 +189,7 @@ def test_plan_states_its_promise_and_what_it_rests_on(tmp_path, monkeypatch, cap
     job.write_text(text, encoding="utf-8")
     answer = run_command(["plan", job, "--out", tmp_path / "out"], monkeypatch, capsys)
     assert answer.status == 0
-    assert "95 % band" in answer.out
+    assert "(95 %)" in answer.out
     plan = json.loads((tmp_path / "out" / "plan.json").read_text(encoding="utf-8"))
     promised, parts = plan["error_band_mm"], plan["error_band_mm"]["at_widest"]
     assert max(parts.values()) < promised["p95_max"] < 1.01 * np.sqrt(sum(v**2 for v in parts.values())) + 0.05
