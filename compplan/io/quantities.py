@@ -1,8 +1,9 @@
-"""Formatting of quantities: significant digits, a suitable unit, no misleading zero."""
+"""Formatting of quantities and lists: significant digits, a suitable unit, no misleading zero."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 
 def format_number(value: float, digits: int = 3) -> str:
@@ -84,6 +85,11 @@ def format_percent(share: float) -> str:
     if 0.999 < share < 1:
         return "above 99.9\u00a0%"
     return f"{format_set_value(float(f'{100 * share:.3g}'))}\u00a0%"
+
+
+def join_names(names: Sequence[str]) -> str:
+    """Join names with commas and "and"."""
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
 
 
 def name_length(metres: float) -> str:

@@ -151,8 +151,10 @@ def mark_slow(task: PlanTask, timing: Timing) -> NDArray[np.bool_]:
 def find_least_feed(task: PlanTask, timing: Timing) -> tuple[float, float] | None:
     """Return the least feed where limits reduce it, and the programmed one there; None if they do not. [m/s]"""
     slow = np.flatnonzero(mark_slow(task, timing))
-    least = slow[timing.feed[slow].argmin()] if len(slow) else 0
-    return (float(timing.feed[least]), float(task.nominal.feed[least])) if len(slow) else None
+    if not len(slow):
+        return None
+    least = slow[timing.feed[slow].argmin()]
+    return float(timing.feed[least]), float(task.nominal.feed[least])
 
 
 def find_top_feed(task: PlanTask, timing: Timing) -> float | None:

@@ -6,6 +6,7 @@ deviations is unknown and the rest of the band lies within the tolerance.
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -14,11 +15,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.io.quantities import state_mm
+from compplan.io.quantities import join_names, state_mm
 from compplan.planning.task import CORRECTION_LIMIT, PlanTask
 from compplan.robot import Array, Robot
 from compplan.uncertainty.band import CAUSES, ErrorBand
-from compplan.uncertainty.ladder import DO, join_steps
+from compplan.uncertainty.ladder import DO, SHORT
 
 FORCE, INERTIA = "process force", "inertia and vibration"
 #: Values of the verdict.
@@ -98,7 +99,7 @@ def check_tolerance(
         return state(NOT_KNOWN, sentence, missing, change, share)
 
     if status == "infeasible":
-        cause, change = explain_limits(task, failures, before)
+        cause, change = explain_limits(failures, before)
         first = f" (the first is waypoint {min(failures)})" if failures else ""
         sentence = (f"Do not start: there is no solution. May not keep {wanted}: {len(failures)} waypoints are not "
                     f"reached within the limits{first}. Largest cause: {cause}. {change} {NO_BAND}.{inertia}"
@@ -132,9 +133,10 @@ def check_tolerance(
     return state(KEEPS, sentence, cause, "", share)
 
 
-def explain_limits(task: PlanTask, failures: Mapping[int, str], before: Array) -> tuple[str, str]:
+def explain_limits(failures: Mapping[int, str], before: Array) -> tuple[str, str]:
     """Return the limits that stop most waypoints, and the remedy. before: distance without correction, (n,) [m]"""
-    limits = Counter(text.split(", ")[0] for text in failures.values()).most_common(2)
+    first = (re.sub(r"^clearance [(](.*)[)]$", r"\1", text.split(", ")[0]) for text in failures.values())
+    limits = Counter(first).most_common(2)
     beyond = [waypoint for waypoint, text in failures.items() if text == CORRECTION_LIMIT]
     place, change = "compplan place JOB", list[str]()
     if beyond:
@@ -144,8 +146,7 @@ def explain_limits(task: PlanTask, failures: Mapping[int, str], before: Array) -
         change.append(
             f"for the other {others}: {place}" if beyond else f"Move the part: {place} finds a place in reach"
         )
-    listed = [f"{name[11:-1] if name.startswith('clearance (') else name} at {count} waypoints"
-              for name, count in limits]  # fmt: skip
+    listed = [f"{name} at {count} waypoints" for name, count in limits]
     return ", ".join(listed) or "limits", f"{'; '.join(change)}."
 
 
@@ -171,7 +172,7 @@ def find_change(error_band: ErrorBand, cause: str, *, compensates: bool = True) 
             chosen = " and ".join(DO[step] for step in error_band.cheapest)
             return f"{chosen[0].upper()}{chosen[1:]}: then it keeps."
         best = min(rung.band for rung in error_band.ladder[1:])
-        steps = join_steps([rung.step for rung in error_band.ladder[1:]])
+        steps = join_names([SHORT[rung.step] for rung in error_band.ladder[1:]])
         # clearly more: corners and fit of the program use a share of the tolerance
         allow = f"take {steps} (band {state_mm(best)}) and allow clearly more"
         return (

@@ -9,7 +9,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from compplan.io.palette import AFTER, BEFORE, NEUTRAL
-from compplan.io.quantities import format_length, format_mm, format_percent, format_set_length, format_set_value
+from compplan.io.quantities import (
+    format_length,
+    format_mm,
+    format_percent,
+    format_set_length,
+    format_set_value,
+    join_names,
+)
 from compplan.io.tables import write_json, write_text
 from compplan.io.transaction import list_files, replace_folder
 from compplan.job.names import ONLINE
@@ -18,7 +25,7 @@ from compplan.planning.strategies.online import STRATEGIES
 from compplan.planning.tolerance_verdict import MEASURE
 from compplan.reporting.along_path import FLOOR, chart_strategies, place_stations
 from compplan.reporting.charts import Bars, draw_bars
-from compplan.reporting.page import Cell, Chart, DataTable, Section, Summary, join_names, render_page
+from compplan.reporting.page import Cell, Chart, DataTable, Section, Summary, render_page
 from compplan.reporting.provenance import describe_robot, list_assumptions
 from compplan.simulation.simulated_robot import EXACT_EVALUATION
 

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Any
 from compplan.diagnosis.results.verdict import CALIBRATED, FLOORS_LEFT
 from compplan.diagnosis.validation.unmodelled import describe_unmodelled
 from compplan.effects import EFFECTS
-from compplan.io.quantities import format_length, format_number
-from compplan.reporting.page import join_names
+from compplan.io.quantities import format_length, format_number, join_names
 
 if TYPE_CHECKING:
     from compplan.diagnosis.results.result import Diagnosis

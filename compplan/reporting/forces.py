@@ -219,8 +219,12 @@ def _use_fit(fit: ForceFit, process: object) -> str:
     if fit.coefficients is not None:
         return "Write the coefficients for the job: --write FILE."
     keys = {"factor to the left": "lateral_N", "factor along the tool axis": "axial_N"}
-    factors = [f"{key if hasattr(process, key := keys.get(one.name, '')) else one.name.replace('factor', 'the force')}"
-               f" by {one.value:.4g}" for one in fit.numbers if one.unit == "1" and one.determined]  # fmt: skip
+    factors = []
+    for one in fit.numbers:
+        if one.unit == "1" and one.determined:
+            key = keys.get(one.name, "")
+            name = key if hasattr(process, key) else one.name.replace("factor", "the force")
+            factors.append(f"{name} by {one.value:.4g}")
     if not factors:
         return "Log the force again, with stretches in the air before and after the cut."
     return f"Multiply {' and '.join(factors)} in [process] of the job, then compplan plan JOB."
@@ -228,11 +232,12 @@ def _use_fit(fit: ForceFit, process: object) -> str:
 
 def list_fitted(fit: ForceFit) -> list[str]:
     """Return a line for each fitted number: value, 95 % interval, value in the job."""
-    return [
-        f"  {one.name}: {f'{one.value:.4g} {one.unit}'.removesuffix(' 1') if one.determined else 'not determined'} "
-        f"(95 %: {one.low:.4g} to {one.high:.4g}){f'; {one.in_job:.4g} in the job' if one.in_job else ''}"
-        for one in fit.numbers
-    ]
+    lines = []
+    for one in fit.numbers:
+        value = f"{one.value:.4g} {one.unit}".removesuffix(" 1") if one.determined else "not determined"
+        job = f"; {one.in_job:.4g} in the job" if one.in_job else ""
+        lines.append(f"  {one.name}: {value} (95 %: {one.low:.4g} to {one.high:.4g}){job}")
+    return lines
 
 
 def _leave_out_air(found: ForcePrediction, value: Array) -> Array:

@@ -175,11 +175,6 @@ def render_page(
     return str(html)
 
 
-def join_names(names: Sequence[str]) -> str:
-    """Join names with commas and "and"."""
-    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
-
-
 def _add_origin(provenance: Provenance) -> Provenance:
     """Add version, seeds and the digests of the files that were read."""
     origin = describe_origin()

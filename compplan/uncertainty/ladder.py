@@ -61,12 +61,6 @@ DO = {
 }
 
 
-def join_steps(steps: Sequence[str]) -> str:
-    """List measurements by their short names."""
-    names = [SHORT[step] for step in steps]
-    return " and ".join(filter(None, (", ".join(names[:-1]), names[-1])))
-
-
 def predict_bands(
     now: float, band_after: Callable[[Sequence[str]], float], steps: Sequence[str], tolerance: float
 ) -> tuple[tuple[MeasurementStep, ...], tuple[str, ...]]:

@@ -51,8 +51,8 @@ def write_log(file: Path, placements: list[str]) -> list[str]:
     table = [",".join([label, *(row[key] for key in JOINTS)]) for label, row in zip(labels, rows, strict=True)]
     file.write_text("\n".join([",".join(["contact", *JOINTS]), *table]) + "\n")
     plate = '[[distance]]\nbetween = ["{0}/0", "{0}/1"]\nmm = 50.0\nsigma_mm = 0.02'
-    said = ["schema = 1", "[instrument]", "sigma_mm = 0.1", *(plate.format(name) for name in placements)]
-    file.with_suffix(".toml").write_text("\n".join(said) + "\n")
+    lines = ["schema = 1", "[instrument]", "sigma_mm = 0.1", *(plate.format(name) for name in placements)]
+    file.with_suffix(".toml").write_text("\n".join(lines) + "\n")
     return labels
 
 
