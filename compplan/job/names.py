@@ -36,5 +36,5 @@ EFFECTS: Registry[Any] = Registry[Any]((
 ))  # fmt: skip
 #: Strategies of a plan: a module with `words` and `command_path(task)`.
 STRATEGIES: Registry[Any] = Registry[Any](("none", "mirror", "iterated_mirror", "nlp"))
-#: Strategies that read sensors while the part is cut: a module with `words` and `prepare(task, maps)`.
+#: Strategies that read sensors while the part is cut, with the same interface.
 ONLINE: Registry[Any] = Registry[Any](("secondary_encoder", "both_encoders", "force_sensor"))

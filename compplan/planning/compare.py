@@ -14,8 +14,7 @@ from compplan.io.quantities import format_mm
 from compplan.job.job import Job
 from compplan.measurement.distance import LEVEL
 from compplan.planning.evaluate import evaluate_run
-from compplan.planning.strategies import command_path
-from compplan.planning.strategies.online import ONLINE, hold_robot, list_strategies, prepare_commands
+from compplan.planning.strategies import ONLINE, command_path, list_strategies
 from compplan.planning.task import Command, PlanTask
 from compplan.robot import Array
 from compplan.simulation.simulated_robot import (
@@ -26,6 +25,7 @@ from compplan.simulation.simulated_robot import (
     build_simulated_robot,
     standard_variants,
 )
+from compplan.statics.encoders import feedback_gain, hold_robot
 
 #: Relative difference below which deviations are equal (assumed).
 SAME = 0.05
@@ -144,18 +144,17 @@ def compare_task(
 
     Simulated robots are as modelled, and with other compliances. Sensors of online strategies have no error here.
     """
-    cells, names = standard_variants(task.robot), list_strategies(task.robot)
-    online = prepare_commands(task, [strategy for strategy in names if strategy in ONLINE])
-    commands = {}
-    for strategy in names:
+    cells, commands = standard_variants(task.robot), dict[str, Command]()
+    for strategy in list_strategies(task.robot):
         announce(f"command: {strategy}")
-        commands[strategy] = Command(online[strategy].q) if strategy in online else command_path(task, strategy)
+        commands[strategy] = command_path(task, strategy)
     evaluations: dict[str, dict[str, Evaluation]] = {}
     for cell in cells:
         for strategy, command in commands.items():
             announce(f"cell {cell.name}: {strategy}")
             held = cell
-            if strategy in online and online[strategy].feedback != "motor":
-                held = build_simulated_robot(hold_robot(cell.robot, online[strategy].spring_gain), cell.name)
+            if command.feedback != "motor":
+                gain = feedback_gain(command.feedback, command.beta, task.robot.nq)
+                held = build_simulated_robot(hold_robot(cell.robot, gain), cell.name)
             evaluations.setdefault(cell.name, {})[strategy] = evaluate_run(task, command.q, held)
     return Comparison(name, task, cells, commands, evaluations)

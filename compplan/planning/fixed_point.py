@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.effects.backlash import find_crossings
+from compplan.errors import UnknownNameError
 from compplan.job.output import OutputTable
 from compplan.planning.executed import ExecutedPath, evaluate_executed
 from compplan.planning.feed import FeedRequest, time_run
@@ -33,7 +34,7 @@ from compplan.planning.sampling import (
     predict_loads,
     required_pieces,
 )
-from compplan.planning.strategies import command_path, nlp
+from compplan.planning.strategies import STRATEGIES, command_path, nlp
 from compplan.planning.task import Command, PlanTask, attain_rows
 from compplan.planning.timing import Timing, find_slowdown, state_timing, time_between_cuts, time_ends
 from compplan.robot import Array
@@ -77,7 +78,12 @@ def compensate(
 
     If compensation of inertia makes a plan infeasible, inertia is covered by the error band only. `output`: requested
     programs, if known.
+
+    Raises:
+        UnknownNameError: If there is no such offline strategy.
     """
+    if strategy not in STRATEGIES:
+        raise UnknownNameError("strategy", strategy, list(STRATEGIES))
     progress("sampling")
     if task.missed.any() or not task.chain.n_springs or not task.robot.bodies:
         task = replace(task, inertia=False)

@@ -241,6 +241,13 @@ class Command:
     solve_time: float = 0.0  #: Wall time in the solver. [s]
     nlp: Mapping[str, Any] = field(default_factory=dict)  #: Figures of the nonlinear program for plan.json.
     lead: Array | float = 0.0  #: Command minus link positions, due to lost motion. Shape (n, nq). [rad or m]
+    #: Encoder that the axes are controlled by: "motor", "link" or "combined" (`compplan.statics.encoders`).
+    feedback: str = "motor"
+    beta: Array | float = 0.0  #: Share of combined feedback. Shape (nq,).
+    #: Change of the command per measured wrench at the tip, base axes; None without a force sensor.
+    #: Shape (n, nq, 6). [rad/N, rad/(N m)]
+    gain: Array | None = None
+    expected: Array | None = None  #: Expected wrench at the tip, base axes. Shape (n, 6). [N, N m]
 
     @property
     def links(self) -> Array:

@@ -19,9 +19,7 @@ from compplan.io.quantities import (
 )
 from compplan.io.tables import write_json, write_text
 from compplan.io.transaction import list_files, replace_folder
-from compplan.job.names import ONLINE
-from compplan.planning.strategies.online import ONLINE as ONLINE_MODULES
-from compplan.planning.strategies.online import STRATEGIES
+from compplan.planning.strategies import ONLINE, STRATEGIES
 from compplan.planning.tolerance_verdict import MEASURE
 from compplan.reporting.along_path import FLOOR, chart_strategies, place_stations
 from compplan.reporting.charts import Bars, draw_bars
@@ -40,7 +38,7 @@ CLOSE = 1.02
 
 def name_strategy(name: str) -> str:
     """Return the display name of a strategy: `words` of its module, or its name."""
-    module = STRATEGIES.get(name) or ONLINE_MODULES.get(name)
+    module = STRATEGIES.get(name) or ONLINE.get(name)
     return str(getattr(module, "words", name.replace("_", " ")))
 
 

@@ -20,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 
 from compplan.errors import InputError, ShapeError
-from compplan.robot import Array
+from compplan.robot import Array, Robot
 from compplan.statics.chain import Chain
 from compplan.statics.elastic import LoadedPose, solve_equilibrium
 
@@ -87,12 +87,26 @@ def control_equilibrium(
             "an actuator spring is coupled with another spring, so encoders cannot separate its deflection; "
             "choose a strategy without encoders"
         )
-    gain = {"motor": np.ones(chain.nq), "link": np.zeros(chain.nq)}.get(feedback, -np.broadcast_to(beta, (chain.nq,)))
+    gain = feedback_gain(feedback, beta, chain.nq)
     scale = feedback_scale(np.where(lies_between, gain @ np.abs(selection), 1.0), chain.link_share)
     loaded = solve_equilibrium(replace(chain, compliance=chain.compliance * scale), q, wrench)
     yielded = ((1.0 - chain.link_share) * own * loaded.torque) @ selection.T
     link = np.atleast_2d(q) + gain * yielded
     return EncoderState(link - yielded, link, loaded)
+
+
+def feedback_gain(feedback: str, beta: Array | float, joints: int) -> Array:
+    """Return the share of each gear's deflection that remains under a feedback: 1, 0 or -beta. Shape (nq,)."""
+    return {"motor": np.ones(joints), "link": np.zeros(joints)}.get(feedback, -np.broadcast_to(beta, (joints,)))
+
+
+def hold_robot(robot: Robot, gain: Array) -> Robot:
+    """Return the robot with the spring compliances that remain under a feedback gain (nq,), see `feedback_gain`."""
+    gains = dict(zip(robot.joint_names, gain, strict=True))
+    own = np.array([gains.get(spring.joint, 1.0) if spring.actuator else 1.0 for spring in robot.springs])
+    scale = feedback_scale(own, np.array([spring.link_share for spring in robot.springs]))
+    held = (replace(s, compliance=float(k) * s.compliance) for s, k in zip(robot.springs, scale, strict=True))
+    return replace(robot, springs=tuple(held))
 
 
 def feedback_scale(gain: Array, link_share: Array) -> Array:

@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 from compplan.effects.attained import attain_with_effects
 from compplan.errors import InputError
 from compplan.job.noise import NoiseTable
-from compplan.planning.strategies.online import ONLINE, OnlineCommand, correct_online, list_strategies, prepare_commands
-from compplan.planning.task import PlanTask
+from compplan.planning.strategies import ONLINE, command_path, list_strategies
+from compplan.planning.task import Command, PlanTask
 from compplan.robot import Array
-from compplan.statics.encoders import actuator_selection, control_equilibrium, feedback_scale
+from compplan.statics.encoders import actuator_selection, control_equilibrium, feedback_gain, feedback_scale
 from compplan.studies.kernel import Kernel, Touch, build_kernel, move_part, prepare_touch, solve_tips
 from compplan.studies.posterior import apply_learned_force
 from compplan.studies.sampling import (
@@ -64,7 +64,7 @@ class Study:
 
     task: PlanTask  #: The task, thinned if it is long.
     waypoints_of_path: int  #: Number of waypoints of the complete path.
-    answers: dict[str, OnlineCommand]  #: Commands by strategy.
+    answers: dict[str, Command]  #: Commands by strategy.
     commands: dict[str, PreparedCommand]  #: The same, prepared for many samples.
     kernel: Kernel  #: Compiled chain of the robot.
     touch: Touch | None  #: Touched points of the part, None if its frame is absolute.
@@ -108,15 +108,16 @@ def prepare_study(
     thin = thin_task(task, most_waypoints)
     if announce:
         announce(f"prepare {len(chosen)} strategies")
-    blind = prepare_commands(task, [name for name in chosen if name not in ONLINE])
     rows = thin_rows(len(task), most_waypoints)
-    answers = {name: _thin_answer(answer, rows) for name, answer in blind.items()}
-    answers |= prepare_commands(thin, [name for name in chosen if name in ONLINE])
-    return assemble_study(thin, noise, {name: answers[name] for name in chosen}, len(task), force)
+    answers = {
+        name: command_path(thin, name) if name in ONLINE else _thin_answer(command_path(task, name), rows)
+        for name in chosen
+    }
+    return assemble_study(thin, noise, answers, len(task), force)
 
 
 def assemble_study(
-    thin: PlanTask, noise: NoiseTable, answers: dict[str, OnlineCommand], count: int, force: ForceSpread | None = None
+    thin: PlanTask, noise: NoiseTable, answers: dict[str, Command], count: int, force: ForceSpread | None = None
 ) -> Study:
     """Build a study from a thinned task and its prepared commands; count: waypoints of the complete path."""
     selection = actuator_selection(thin.chain)
@@ -160,15 +161,14 @@ def thin_study(study: Study, most: int) -> Study:
     return assemble_study(thin, study.noise, answers, study.waypoints_of_path, study.context.posterior.force)
 
 
-def _thin_answer(answer: OnlineCommand, rows: NDArray[np.int_]) -> OnlineCommand:
+def _thin_answer(answer: Command, rows: NDArray[np.int_]) -> Command:
     gain, expected = (None if part is None else part[rows] for part in (answer.gain, answer.expected))
-    return replace(answer, q=answer.q[rows], gain=gain, expected=expected)
+    return Command(answer.q[rows], feedback=answer.feedback, beta=answer.beta, gain=gain, expected=expected)
 
 
-def _prepare_command(task: PlanTask, answer: OnlineCommand, selection: Array, noise: NoiseTable) -> PreparedCommand:
-    beta = 0.0 if answer.beta is None else answer.beta
-    state = control_equilibrium(task.chain, answer.q, task.wrench, feedback=answer.feedback, beta=beta)
-    between = selection.any(axis=0)
+def _prepare_command(task: PlanTask, answer: Command, selection: Array, noise: NoiseTable) -> PreparedCommand:
+    state = control_equilibrium(task.chain, answer.q, task.wrench, feedback=answer.feedback, beta=answer.beta)
+    between, spring_gain = selection.any(axis=0), feedback_gain(answer.feedback, answer.beta, task.chain.nq)
     offset = np.zeros((3, len(task)))
     if task.robot.effects:
         runs = [
@@ -181,8 +181,8 @@ def _prepare_command(task: PlanTask, answer: OnlineCommand, selection: Array, no
         q=np.ascontiguousarray(answer.q.T)[:, None, :],
         gain=None if answer.gain is None else np.ascontiguousarray(np.moveaxis(answer.gain, 0, -1)),
         expected=None if answer.expected is None else np.ascontiguousarray(answer.expected.T)[:, None, :],
-        spring_gain=answer.spring_gain,
-        spring_factor=np.where(between, answer.spring_gain @ np.abs(selection), 1.0),
+        spring_gain=spring_gain,
+        spring_factor=np.where(between, spring_gain @ np.abs(selection), 1.0),
         theta=np.ascontiguousarray(state.loaded.theta.T),
         offset=offset,
         placements=differentiate_placements(replace(task, q_start=answer.q), noise)[0] if elsewhere else None,
@@ -234,6 +234,15 @@ def run_strategy(study: Study, name: str, robots: SampledRobots) -> Array:
     if command.gain is not None and command.expected is not None:
         q = command.q + correct_online(command.gain, robots.wrench + robots.force - command.expected)
     return _cut_part(study, command, robots, q)
+
+
+def correct_online(gain: Array, reading: Array) -> Array:
+    """Compute the command change (nq, b, n) [rad or m] for b samples: gain (nq, k, n) times reading (k, b, n)."""
+    change = np.zeros((len(gain), *reading.shape[1:]))
+    for row, rates in zip(change, gain, strict=True):
+        for rate, part in zip(rates, reading, strict=True):
+            row += rate * part
+    return change
 
 
 def _cut_part(study: Study, command: PreparedCommand, robots: SampledRobots, q: Array) -> Array:

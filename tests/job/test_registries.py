@@ -26,7 +26,7 @@ from compplan.errors import InputError
 from compplan.job.commented_job import write_job_text
 from compplan.job.job import Job
 from compplan.job.names import EFFECTS
-from compplan.planning.strategies.online import ONLINE, STRATEGIES
+from compplan.planning.strategies import ONLINE, STRATEGIES
 from compplan.process.force_models import FORCE_MODELS
 from compplan.reporting.diagnosis_text import describe_effect
 from compplan.toolpath.readers import READERS

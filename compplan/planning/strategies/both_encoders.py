@@ -11,8 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from compplan.identification.reduce import reduce_model
-from compplan.planning.strategies.online import OnlineCommand
-from compplan.planning.task import PlanTask
+from compplan.planning.task import Command, PlanTask
 from compplan.robot import Robot
 from compplan.statics.encoders import combined_gain, gear_compliance
 
@@ -24,12 +23,12 @@ REDUCTION_POSES, REDUCTION_SPREAD = 60, 0.5
 TYPICAL_FORCE = 500.0
 
 
-def prepare(task: PlanTask) -> OnlineCommand:
+def command_path(task: PlanTask) -> Command:
     """Command the nominal path, controlled by a combination of both encoders."""
     total = np.zeros(task.robot.nq)
     for spring in reduce_near_path(task).springs:
         total[task.robot.joint_names.index(spring.joint)] = spring.compliance
-    return OnlineCommand("both_encoders", task.q_start, "combined", combined_gain(gear_compliance(task.chain), total))
+    return Command(task.q_start, feedback="combined", beta=combined_gain(gear_compliance(task.chain), total))
 
 
 def reduce_near_path(task: PlanTask) -> Robot:

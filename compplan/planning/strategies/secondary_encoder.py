@@ -5,12 +5,11 @@ Deflection that the encoders do not measure remains: links, bearings, springs of
 
 from __future__ import annotations
 
-from compplan.planning.strategies.online import OnlineCommand
-from compplan.planning.task import PlanTask
+from compplan.planning.task import Command, PlanTask
 
 words = "encoders behind the gears"
 
 
-def prepare(task: PlanTask) -> OnlineCommand:
+def command_path(task: PlanTask) -> Command:
     """Command the nominal path, controlled by the link-side encoders."""
-    return OnlineCommand("secondary_encoder", task.q_start, "link")
+    return Command(task.q_start, feedback="link")
