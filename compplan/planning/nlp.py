@@ -14,7 +14,6 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any, NamedTuple
 
@@ -37,8 +36,6 @@ STEPS, TIMED_STEPS = 3, 1
 ACTIVE = 1e-6
 #: Pose error above which a released station misses its pose. [m and rad]
 MISSED = 1e-7
-#: Cached programs, reused for other loads.
-KEPT = 4
 OPTIONS: dict[str, Any] = {
     "print_level": 0,
     "sb": "yes",
@@ -81,38 +78,17 @@ class Solution(NamedTuple):
         return float(sum((2.0 * (along[b] - along[a]) / (root[a] + root[b])).sum() for a, b in parts))
 
 
-@dataclass(frozen=True)
-class PathProgram:
-    """Built program, solvable for any loads, poses and bounds at its stations."""
+class PathProgram(NamedTuple):
+    """Program in CasADi."""
 
-    problem: PlanningProblem  #: Problem it was built from.
     solver: ca.Function  #: CasADi solver; `solver.stats()` describes the last run.
     sizes: tuple[int, ...]  #: Number of rows of each limit at a station.
     #: First variable of q, square and slack in the vector of variables, and their number.
     offsets: tuple[int, int, int, int]
 
 
-_KEPT: dict[tuple[Any, ...], PathProgram] = {}
-
-
 def build_nlp(problem: PlanningProblem) -> PathProgram:
-    """Build the program of a problem, or return a cached one that differs only in numbers."""
-    if problem.timed:
-        return _build(problem)
-    weights = tuple(np.asarray(value).tobytes() for cost in problem.costs for value in vars(cost).values())
-    key = (len(problem), problem.spin_free, problem.axis_free, problem.turn is None, problem.released is None,
-           *map(str, (*problem.limits, *problem.costs)), weights)  # fmt: skip
-    program = _KEPT.get(key)
-    if program is None or program.problem.chain is not problem.chain:
-        program = _build(problem)
-        while len(_KEPT) >= KEPT:
-            _KEPT.pop(next(iter(_KEPT)))
-        _KEPT[key] = program
-    return program
-
-
-def _build(problem: PlanningProblem) -> PathProgram:
-    """Build the program: variables, objective, constraints."""
+    """Build the program of a problem: variables, objective, constraints."""
     k = len(problem)
     # variables x, and those of each station, v_i = L_i x
     selected, sizes = _selection_matrix(problem)
@@ -145,7 +121,7 @@ def _build(problem: PlanningProblem) -> PathProgram:
     }  # fmt: skip
     program: dict[str, Any] = {"x": x, "f": objective, "g": g, "p": p}
     solver = ca.nlpsol("path", SOLVER, program, options)
-    return PathProgram(problem, solver, tuple(part.numel() for part in parts), (*np.cumsum([0, *sizes]).tolist(),))
+    return PathProgram(solver, tuple(part.numel() for part in parts), (*np.cumsum([0, *sizes]).tolist(),))
 
 
 def _selection_matrix(problem: PlanningProblem) -> tuple[sparse.csc_matrix, tuple[int, int, int]]:
@@ -179,10 +155,11 @@ def _selection_matrix(problem: PlanningProblem) -> tuple[sparse.csc_matrix, tupl
     return sparse.csc_matrix(stacked[np.argsort(order)]), sizes
 
 
-def solve_nlp(program: PathProgram, problem: PlanningProblem) -> Solution:
-    """Solve a program with the numbers of a problem that differs only in numbers from the one it was built from."""
-    k, nq = problem.q_start.shape
-    clock, offsets = time.process_time(), program.offsets
+def solve_problem(problem: PlanningProblem) -> Solution:
+    """Build and solve the program of a problem."""
+    clock, (k, nq) = time.process_time(), problem.q_start.shape
+    program = build_nlp(problem)
+    offsets = program.offsets
     begin, lower, upper = np.zeros(offsets[-1]), np.full(offsets[-1], -np.inf), np.full(offsets[-1], np.inf)
     joints, squares, slacks = (slice(a, b) for a, b in pairwise(offsets))
     lower[joints], upper[joints] = problem.lower.ravel(), problem.upper.ravel()
@@ -235,15 +212,6 @@ def solve_nlp(program: PathProgram, problem: PlanningProblem) -> Solution:
         problem, x[joints].reshape(k, nq), x[squares] if problem.timed else np.ones(k),
         slack, success, status, iterations, spent, violation, multipliers, active,
     )  # fmt: skip
-
-
-def solve_problem(problem: PlanningProblem) -> Solution:
-    """Build and solve the program of a problem."""
-    clock = time.process_time()
-    program = build_nlp(problem)
-    built = time.process_time() - clock
-    found = solve_nlp(program, problem)
-    return found._replace(cpu=found.cpu + built)
 
 
 def explain_conflict(solution: Solution) -> str:

@@ -9,7 +9,7 @@ import pytest
 
 from compplan.planning.dense import pick_stations, solve_path, state_problem
 from compplan.planning.limits.torque import read_torques
-from compplan.planning.nlp import build_nlp, explain_conflict, solve_nlp, solve_problem
+from compplan.planning.nlp import build_nlp, explain_conflict, solve_problem
 from compplan.planning.strategies import command_path
 from compplan.planning.task import attain_rows
 from compplan.robot import load_robot
@@ -103,7 +103,7 @@ def test_a_failed_solve_says_which_limits_conflict_and_where():
     free = solve_problem(make_problem(task))
     station = int(free.q[:, 4].argmax())
     problem = make_problem(task, upper=np.where(np.arange(6) == 4, free.q[station, 4] - 0.05, free.problem.upper))
-    solution = solve_nlp(build_nlp(problem), problem)
+    solution = solve_problem(problem)
     assert not solution.success and solution.status != "Solve_Succeeded" and solution.violation > 1e-6
     said = explain_conflict(solution)
     assert "pose" in said and "waypoint" in said and solution.status in said
@@ -113,13 +113,6 @@ def test_a_problem_prints_as_it_is_minimised():
     text = str(make_problem(make_task(spin_free=True)))
     assert text.startswith("minimise    sum w (q - q_start)^2")
     assert "p(q, theta) = p_wanted" in text and "q_min <= q <= q_max" in text and "10 mm" in text
-
-
-def test_a_program_is_built_once_for_other_loads():
-    task = make_task()
-    problem = make_problem(task)
-    program = build_nlp(problem)
-    assert build_nlp(replace(problem, wrench=0.5 * problem.wrench)) is program
 
 
 @pytest.mark.parametrize("name", ["kuka_kr270", "kuka_kr240_rail"])
