@@ -18,6 +18,7 @@ from compplan.planning.fixed_point import resolve_starts
 from compplan.planning.inertia import measure_motion
 from compplan.planning.measured_runs import BAND_ROWS, ease_run, measure_runs, spread_tip
 from compplan.planning.plan import PlanOptions, _state_task, build_task, prepare_job
+from compplan.planning.posture.settings import PostureProblem
 from compplan.planning.redundancy import PathRequest
 from compplan.planning.task import PlanTask
 from compplan.robot import Robot
@@ -141,7 +142,7 @@ def _plan(name: str, way: str, settings: Settings) -> Row | str:
 def _ease(task: PlanTask, robot: Robot, nominal: Toolpath, options: PlanOptions) -> PlanTask:
     """Return a task with the same posture, its speed eased where the arm vibrates most."""
     force = options.force or read_force_spread(None)
-    asked = PathRequest(robot, nominal, np.asarray(options.tool_x, float), options.feed, force,
+    asked = PathRequest(PostureProblem(robot, nominal, np.asarray(options.tool_x, float), options.posture), force,
                   partial(_state_task, robot, task.chain, options))  # fmt: skip
     assert task.start is not None
     first = measure_runs(task.start, asked)[0]
@@ -150,8 +151,8 @@ def _ease(task: PlanTask, robot: Robot, nominal: Toolpath, options: PlanOptions)
 
 def measure_task(task: PlanTask, robot: Robot, job: Job, options: PlanOptions, spent: float) -> Row:
     """Time and judge a task before correction; `spent` is the CPU time [s] that its posture took."""
-    task = resolve_starts(task, options.feed)
-    timing = time_run(task, task.q_start, options.feed)[1]
+    task = resolve_starts(task)
+    timing = time_run(task, task.q_start)[1]
     motion, rows = measure_motion(task, timing.time, build_dynamics(task.robot)), pick_rows(task.cut, BAND_ROWS)
     ringing = 0.0 if motion is None else spread_draws(motion.error[:, rows])
     spread = spread_tip(task, read_force_spread(job)) + ringing

@@ -254,7 +254,7 @@ def plan_learned(job: Job, robot: Robot, residual: Residual | None) -> tuple[Too
     nominal, task, options = build_learned(job, robot, residual)
     # not evaluated as a job, which would reload robot and path: both are updated here, and the task has its force
     name = job.name or job.file.stem
-    plan = replace(plan_task(task, options.strategy, name=name, feed=options.feed, output=job.output), job=job)
+    plan = replace(plan_task(task, options.strategy, name=name, output=job.output), job=job)
     if residual is not None:
         most = float(np.linalg.norm(residual.deviation, axis=1).max(initial=0.0)) * 1e3
         note = f"the path is shifted by up to {most:.3g} mm as learned from cut parts; deviations count from there"

@@ -27,7 +27,6 @@ from compplan.planning.measured_runs import (
 )
 from compplan.planning.motion_limits import difference_motion
 from compplan.planning.posture.choose import choose_posture_path
-from compplan.planning.posture.settings import PostureProblem
 from compplan.planning.posture.start import build_start, find_plain
 from compplan.planning.posture.summary import PostureSummary, Start
 from compplan.planning.redundancy import CostWeights, OptimisationFigures, PathRequest, shape_start
@@ -73,7 +72,7 @@ def better_start(start: Start, request: PathRequest, *, shape: bool = True) -> S
     if preset not in COST_WEIGHTS or not free or posture_choice.missed.any() or not shape or settings.start is not None:
         return start
     task = request.state(start)
-    if (not preset or (preset == "fast" and len(task) > LONGEST)) and _keeps_feed(task, request):
+    if (not preset or (preset == "fast" and len(task) > LONGEST)) and _keeps_feed(task):
         return start
     runs = measure_runs(start, request)
     if not runs:
@@ -83,7 +82,7 @@ def better_start(start: Start, request: PathRequest, *, shape: bool = True) -> S
     if preset == "error_band" and default is not None and (usual := measure_runs(default, request)):
         own = (usual, ease_run("", usual[0], usual[0], request))  # default result: the band must not be wider than that
         groups = [own] if np.allclose(default.q, start.q, atol=SAME_POSTURE) else [*groups, own]
-    plain = find_plain(request.robot, request.nominal, request.tool_x, start) if len(task) <= LONGEST else None
+    plain = find_plain(request.problem, start) if len(task) <= LONGEST else None
     if plain is not None and not plain.missed.any() and not np.allclose(plain.q, start.q, atol=SAME_POSTURE):
         groups[-1][0].extend(run._replace(origin="programmed") for run in measure_runs(plain, request))
 
@@ -119,10 +118,8 @@ def _compare_presets(start: Start, request: PathRequest) -> tuple[Start, Start |
     found: dict[str, PostureSummary] = {settings.preset: posture_choice}
     for other in COMPARED_WITH[settings.preset]:
         try:
-            other_settings = replace(settings, preset=other, errors=None)
-            found[other] = choose_posture_path(
-                PostureProblem(request.robot, request.nominal, request.tool_x, other_settings)
-            )
+            own = replace(settings, preset=other, errors=None)
+            found[other] = choose_posture_path(replace(request.problem, settings=own))
         except InfeasibleError:
             continue
     cost = LEAST[settings.preset]
@@ -130,7 +127,7 @@ def _compare_presets(start: Start, request: PathRequest) -> tuple[Start, Start |
     def measure(one: PostureSummary) -> float:
         if cost in one.costs:
             return one.costs[cost]
-        built = build_start(one, request.nominal, settings)
+        built = build_start(one, request.problem.nominal, settings)
         if cost == "driven_s":
             return request.time(request.state(built))
         return next((1e3 * run.band for run in measure_runs(built, request)), np.inf)
@@ -142,12 +139,12 @@ def _compare_presets(start: Start, request: PathRequest) -> tuple[Start, Start |
         one = found[name]
         summary = replace(one, settings=settings, costs={**one.costs, cost: compared[name]}, compared=compared,
                        compared_by=cost)  # fmt: skip
-        return build_start(summary, request.nominal, settings)
+        return build_start(summary, request.problem.nominal, settings)
 
     return build(name), build("accurate") if "accurate" in found and settings.preset != "accurate" else None
 
 
-def _keeps_feed(task: PlanTask, request: PathRequest) -> bool:
+def _keeps_feed(task: PlanTask) -> bool:
     """Return whether a run keeps the programmed feed with low accelerations: no gain is possible."""
     rate, acceleration = 0.0, 0.0
     if len(task) > MANY * len(task.runs):  # few starts and stops: the rates at the programmed feed suffice
@@ -159,7 +156,7 @@ def _keeps_feed(task: PlanTask, request: PathRequest) -> bool:
         if rate < 1.0 and acceleration < CALM:
             return True
     try:
-        timing = time_run(task, task.q_start, request.feed_request)[1]
+        timing = time_run(task, task.q_start)[1]
     except ConvergenceError:
         return False
     return bool(timing.time[-1] <= AT_FEED * least_time(task) and timing.acceleration_ratio < CALM)

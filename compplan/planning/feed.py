@@ -9,7 +9,7 @@ the tool still starts and stops at rest. Sharp corners limit the feed: `compplan
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -20,31 +20,21 @@ from compplan.robot import Array
 from compplan.simulation.torque import TorqueRules
 
 
-@dataclass(frozen=True)
-class FeedRequest:
-    """Requirements of the process on the feed."""
-
-    constant: bool = False  #: Whether the complete cut requires one feed.
-    torque: bool = False  #: Whether joint torques must stay within the efforts of the robot.
-
-
-def time_run(
-    task: PlanTask, q: Array, feed_request: FeedRequest, slow: Array | None = None
-) -> tuple[PlanTask, Timing, tuple[str, ...]]:
-    """Compute the timing of a command (n, nq) for a feed request; `slow` (n,): required slowdown factors, or None.
+def time_run(task: PlanTask, q: Array, slow: Array | None = None) -> tuple[PlanTask, Timing, tuple[str, ...]]:
+    """Compute the timing of a command (n, nq); `slow` (n,): required slowdown factors, or None.
 
     Returns:
         The task with its final programmed feed, the timing, and notes for the user.
     """
     notes, rules = list[str](), None
-    if feed_request.constant:
+    if task.constant_feed:
         feed, note = find_constant_feed(task, q)
         notes += [note] if note else []
         task = program_feed(task, feed)
-    if feed_request.torque:
+    if task.torque_limits:
         rules = TorqueRules(task.robot, q, task.wrench)
         notes += rules.notes
-    return task, time_command(task, q, rules=rules, slow=slow, keep=feed_request.constant), tuple(notes)
+    return task, time_command(task, q, rules=rules, slow=slow, keep=task.constant_feed), tuple(notes)
 
 
 def find_constant_feed(task: PlanTask, q: Array) -> tuple[float, str]:

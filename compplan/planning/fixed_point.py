@@ -22,7 +22,7 @@ from compplan.effects.backlash import find_crossings
 from compplan.errors import UnknownNameError
 from compplan.job.output import OutputTable
 from compplan.planning.executed import ExecutedPath, evaluate_executed
-from compplan.planning.feed import FeedRequest, time_run
+from compplan.planning.feed import time_run
 from compplan.planning.inertia import follow_links, plan_loads
 from compplan.planning.sampling import (
     MOST_PIECES,
@@ -39,7 +39,6 @@ from compplan.planning.task import Command, PlanTask, attain_rows
 from compplan.planning.timing import Timing, find_slowdown, state_timing, time_between_cuts, time_ends
 from compplan.robot import Array
 from compplan.simulation.exact import load_by_motion
-from compplan.simulation.torque import TorqueRules
 from compplan.simulation.vibration import build_dynamics
 from compplan.statics.chain import Chain
 from compplan.statics.inertia import build_moving_chain
@@ -71,7 +70,7 @@ class Compensation:
 
 
 def compensate(
-    task: PlanTask, strategy: str, feed_request: FeedRequest, output: OutputTable | None = None,
+    task: PlanTask, strategy: str, output: OutputTable | None = None,
     progress: Callable[[str], None] = lambda text: None,
 ) -> Compensation:  # fmt: skip
     """Compute the command of a strategy for a task, consistent with its timing and loads.
@@ -87,11 +86,11 @@ def compensate(
     progress("sampling")
     if task.missed.any() or not task.chain.n_springs or not task.robot.bodies:
         task = replace(task, inertia=False)
-    found = _iterate_loads(task, strategy, feed_request, output, progress)
+    found = _iterate_loads(task, strategy, output, progress)
     converged = found.excess <= 1.0 and found.change <= CONVERGED * task.tolerance
     kept = found.command.status == "solved" and found.between.max_deviation <= task.tolerance
     if found.task.inertia and not (converged and kept):
-        found = _iterate_loads(replace(task, inertia=False), strategy, feed_request, output, progress)
+        found = _iterate_loads(replace(task, inertia=False), strategy, output, progress)
         reason = "a limit or the tolerance is not held" if converged else "motion and correction do not settle"
         note = f"The inertia of the motion is not compensated here: with it {reason}. The 95 % band counts all of it."
         found = replace(found, notes=(*found.notes, note))
@@ -99,9 +98,8 @@ def compensate(
 
 
 def _iterate_loads(
-    task: PlanTask, strategy: str, feed_request: FeedRequest, output: OutputTable | None,
-    progress: Callable[[str], None],
-) -> Compensation:  # fmt: skip
+    task: PlanTask, strategy: str, output: OutputTable | None, progress: Callable[[str], None]
+) -> Compensation:
     """Iterate to the fixed point; arguments as of `compensate`.
 
     If the loads depend on the motion, the timing is that of the uncorrected motion, independent of the force; an
@@ -109,7 +107,7 @@ def _iterate_loads(
     """
     coupled = task.follows_feed or task.inertia
     masses = build_moving_chain(task.robot) if task.inertia else None
-    task = resolve_starts(task, feed_request)
+    task = resolve_starts(task)
     slow, run, command = np.ones(len(task)), None, None
     turn, divisions = 0, 0
     while True:
@@ -121,7 +119,7 @@ def _iterate_loads(
         if command is None:
             command = nlp.approach_path(task) if strategy == "nlp" else command_path(task, strategy)
         excess, change = 0.0, 0.0
-        run = run or time_run(task, task.q_start if coupled else command.q, feed_request, slow)
+        run = run or time_run(task, task.q_start if coupled else command.q, slow)
         driven, timing, notes = run
         if coupled:
             changed = _load(task, timing, command.q, masses)
@@ -129,10 +127,9 @@ def _iterate_loads(
             if change > EXACT:
                 command = nlp.correct_command(task, command) if strategy == "nlp" else command_path(task, strategy)
             time = time_between_cuts(task, command.q, timing.time)
-            rules = TorqueRules(task.robot, command.q, task.wrench) if feed_request.torque else None
-            slower = find_slowdown(task, command.q, time, rules)
+            slower = find_slowdown(task, command.q, time)
             excess = float(slower.max())
-            if excess > 1.0 or feed_request.torque:
+            if excess > 1.0 or task.torque_limits:
                 slow, run = slow * np.minimum(slower, 3.0) * np.where(slower > 1.0, 1.02, 1.0), None
             if (excess > 1.0 or change > CONVERGED * task.tolerance) and turn % TURNS:
                 continue
@@ -210,7 +207,7 @@ def _shift(task: PlanTask, other: PlanTask, q: Array) -> float:
     return float(np.linalg.norm(now - then, axis=1).max(initial=0.0))
 
 
-def resolve_starts(task: PlanTask, feed_request: FeedRequest) -> PlanTask:
+def resolve_starts(task: PlanTask) -> PlanTask:
     """Divide first and last moves of runs, in steps that grow from the rest, until their rows resolve the motion.
 
     A run starts as s = j t^3 / 6. From its first row at t1, the difference formula yields an acceleration of
@@ -220,8 +217,8 @@ def resolve_starts(task: PlanTask, feed_request: FeedRequest) -> PlanTask:
     if not task.inertia or not dynamics.known or not runs:
         return task
     time = (
-        time_run(task, task.q_start, feed_request)[1].time
-        if feed_request.constant or feed_request.torque
+        time_run(task, task.q_start)[1].time
+        if task.constant_feed or task.torque_limits
         else time_ends(task, task.q_start)
     )
     rests = np.array(runs).ravel()

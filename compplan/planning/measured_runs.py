@@ -79,7 +79,7 @@ def measure_runs(
     """
     found = list[TimedStart]()
     try:
-        whole = resolve_starts(request.state(start), request.feed_request) if known is None else known.task
+        whole = resolve_starts(request.state(start)) if known is None else known.task
         task, spare = replace(whole, smoothing=window * whole.smoothing), (1.0 - SHORT) * smoothing_time(whole)
         slower, target, rows = np.ones(len(task)), np.inf, pick_rows(task.cut, BAND_ROWS)
         in_time, low, high = (slower, slower, slower), 0.0, np.inf if reference is None else reference.band
@@ -90,7 +90,7 @@ def measure_runs(
             eased = start if count == 0 and window == 1.0 else replace(
                 start, slowdown=Slowdown(window, task.origin, slower))  # fmt: skip
             run = replace(task, start=eased)
-            time = time_run(run, run.q_start, request.feed_request)[1].time
+            time = time_run(run, run.q_start)[1].time
             vibration, deflection = _spread_vibration(run, time, rows, dynamics)
             band = band_radius(covariance + vibration, mean=offset)
             widest, least = (float(each.max(initial=0.0)) for each in (band, static_band))

@@ -23,11 +23,10 @@ from compplan.planning.evaluate import (
     evaluate_model,
     evaluate_run,
 )
-from compplan.planning.feed import FeedRequest
 from compplan.planning.fixed_point import compensate
 from compplan.planning.inertia import choose_smoothing, follow_links, measure_motion
 from compplan.planning.notes import list_notes
-from compplan.planning.posture.settings import PostureSettings, read_settings
+from compplan.planning.posture.settings import PostureProblem, PostureSettings, read_settings
 from compplan.planning.posture.start import check_clearance, find_kept_start, read_lock
 from compplan.planning.posture.summary import Start
 from compplan.planning.redundancy import PathRequest
@@ -60,7 +59,8 @@ class PlanOptions:
     acceleration_scale: float = 1.0  #: Usable share of the robot's acceleration limits.
     #: Settings of the posture search (default: one configuration, x of the tool along `tool_x`).
     posture: PostureSettings = field(default_factory=lambda: PostureSettings(search=False))
-    feed: FeedRequest = field(default_factory=FeedRequest)  #: Requirements of the process on the feed.
+    constant_feed: bool = False  #: Whether the complete cut requires one feed.
+    torque_limits: bool = False  #: Whether joint torques must stay within the efforts of the robot.
     law: ForceLaw | None = None  #: Force law; None if the path has its wrench.
     #: Allowed deviation of the loaded tip between waypoints (default: a tenth of the tolerance). [m]
     chord: float | None = None
@@ -83,7 +83,7 @@ def plan_job(job: Job, *, progress: Callable[[str], None] = lambda text: None) -
     progress("posture")
     task = build_task(robot, nominal, options, file=job.file)
     name = job.name or job.file.stem
-    return plan_task(task, options.strategy, name=name, feed=options.feed, job=job, progress=progress)
+    return plan_task(task, options.strategy, name=name, job=job, progress=progress)
 
 
 def prepare_job(job: Job) -> tuple[Robot, Toolpath, PlanOptions]:
@@ -119,11 +119,11 @@ def plan_compensation(
     options = options or PlanOptions()
     progress("posture")
     task = build_task(robot, nominal, options)
-    return plan_task(task, options.strategy, name=name, feed=options.feed, progress=progress)
+    return plan_task(task, options.strategy, name=name, progress=progress)
 
 
 def plan_task(
-    task: PlanTask, strategy: str, *, name: str = "path", feed: FeedRequest | None = None, job: Job | None = None,
+    task: PlanTask, strategy: str, *, name: str = "path", job: Job | None = None,
     progress: Callable[[str], None] = lambda text: None, output: OutputTable | None = None,
 ) -> Plan:  # fmt: skip
     """Correct a task by a strategy, time and check the command; `progress` receives the name of each step.
@@ -136,7 +136,7 @@ def plan_task(
     """
     output = output if job is None else job.output
     try:
-        found = compensate(task, strategy, feed or FeedRequest(), output, progress)
+        found = compensate(task, strategy, output, progress)
     except ConvergenceError as error:
         raise explain_buckling(task) or error from None
     command, timing, executed = found.command, found.timing, found.executed
@@ -182,7 +182,7 @@ def build_task(robot: Robot, nominal: Toolpath, options: PlanOptions, *, file: P
         start = find_kept_start(robot, nominal, tool_x, settings, options.lock)
     if options.lock is None and settings.search:
         request = PathRequest(
-            robot, nominal, tool_x, options.feed, options.force or read_force_spread(None),
+            PostureProblem(robot, nominal, tool_x, settings), options.force or read_force_spread(None),
             partial(_state_task, robot, chain, options), options.tube,
         )  # fmt: skip
         start = better_start(start, request, shape=options.strategy == "nlp")
@@ -201,7 +201,8 @@ def _state_task(robot: Robot, chain: Chain, options: PlanOptions, start: Start) 
         step_time=programmed_times(nominal), velocity_limits=robot.velocity_limits * options.velocity_scale,
         acceleration_limits=robot.acceleration_limits * options.acceleration_scale,
         max_correction=options.max_correction, tolerance=options.tolerance, spin_free=options.spin_free, start=start,
-        law=options.law, inertia=options.inertia,
+        law=options.law, inertia=options.inertia, constant_feed=options.constant_feed,
+        torque_limits=options.torque_limits,
         smoothing=choose_smoothing(robot, few, SMOOTHING) * (1.0 if start.slowdown is None else start.slowdown.window),
         chord=0.1 * options.tolerance if options.chord is None else options.chord,
         touched=None if options.touch is None else touch_part(robot, nominal, start.rotation, start.q, options.touch),
@@ -209,7 +210,7 @@ def _state_task(robot: Robot, chain: Chain, options: PlanOptions, start: Start) 
     sided = robot if nominal.rapid[0] else state_sides(robot, start.q)  # a rapid move determines the side
     task = replace(task, wrench=predict_loads(task), robot=sided)
     turns = options.law is not None and options.law.turns_with_travel
-    return prepare_sampling(task, rest_at_corners=turns or not options.feed.constant)
+    return prepare_sampling(task, rest_at_corners=turns or not options.constant_feed)
 
 
 def job_robot(job: Job) -> Robot:
@@ -236,7 +237,8 @@ def read_options(job: Job, robot: Robot) -> PlanOptions:
         velocity_scale=job.limits.velocity_scale,
         acceleration_scale=job.limits.acceleration_scale,
         posture=read_settings(job, robot, posture_errors(job, robot)),
-        feed=FeedRequest(job.feed.mode == "constant", job.feed.torque_limits),
+        constant_feed=job.feed.mode == "constant",
+        torque_limits=job.feed.torque_limits,
         inertia=table.inertia,
         force=read_force_spread(job),
         tube=job.tolerance.tube,

@@ -20,7 +20,7 @@ from compplan.errors import ConvergenceError
 from compplan.planning.costs import Band, JointTravel, Smoothness, Time
 from compplan.planning.costs.band import measure_deflection
 from compplan.planning.dense import place_pose
-from compplan.planning.feed import FeedRequest, time_run
+from compplan.planning.feed import time_run
 from compplan.planning.fixed_point import resolve_starts
 from compplan.planning.limits import AccelerationLimit, JointRange, PoseEquation, VelocityLimit
 from compplan.planning.limits.clearance import linearise_clearance
@@ -34,12 +34,12 @@ from compplan.planning.posture.start import build_start
 from compplan.planning.posture.summary import PostureSummary, Start, summarise_costs
 from compplan.planning.problem import Cost, Limit, PlanningProblem
 from compplan.planning.task import PlanTask
-from compplan.robot import Array, Robot
+from compplan.robot import Array
 from compplan.statics.chain import locate_frames
-from compplan.statics.ik import CLOSE, build_arm, reach_pose
+from compplan.statics.ik import CLOSE, reach_pose
 from compplan.statics.stiffness import attain_pose
 from compplan.toolpath.contact import path_axes
-from compplan.toolpath.toolpath import Toolpath, divide_toolpath, interpolate
+from compplan.toolpath.toolpath import divide_toolpath, interpolate
 from compplan.uncertainty.sensitivities import ForceSpread
 
 LOG = logging.getLogger(__name__)
@@ -92,10 +92,7 @@ class FreeCoordinates(NamedTuple):
 class PathRequest:
     """Requirements on a redundant path."""
 
-    robot: Robot  #: The robot.
-    nominal: Toolpath  #: Toolpath with the programmed tool axis.
-    tool_x: Array  #: Direction of x of the TCP at spin 0, base axes. Shape (3,).
-    feed_request: FeedRequest  #: Requirements of the process on the feed.
+    problem: PostureProblem  #: Posture search along the path with its programmed tool axis.
     force: ForceSpread  #: Uncertainty of the force.
     state: Callable[[Start], PlanTask]  #: Builds the task of a start.
     tube: float = 0.0  #: Allowed offset from the path, as a share of the tolerance.
@@ -103,28 +100,28 @@ class PathRequest:
     def time(self, task: PlanTask) -> float:
         """Compute the time of the fastest run of a task, its starts resolved; infinite if none keeps the limits. [s]"""
         try:
-            task = resolve_starts(task, self.feed_request)
-            return float(time_run(task, task.q_start, self.feed_request)[1].time[-1])
+            task = resolve_starts(task)
+            return float(time_run(task, task.q_start)[1].time[-1])
         except ConvergenceError:
             return np.inf
 
 
 def find_free(task: PlanTask, posture_choice: PostureSummary, request: PathRequest) -> FreeCoordinates | None:
     """Find the free coordinates of a posture; None if there are none, or the path has no run to optimise."""
-    settings, arm, robot = posture_choice.settings, build_arm(task.robot), task.robot
+    settings, arm, nominal = posture_choice.settings, request.problem.arm, request.problem.nominal
     leans = {"lead": settings.lead, "lean": settings.lean}
     names = [*(["spin"] if settings.free_spin else []), *(name for name, most in leans.items() if most > 0.0)]
     rows = _pick_rows(task, FEW_IN_TUBE if request.tube > 0.0 else FEW)
     tube = _allow_tube(task, rows, request.tube)
-    names += [*(robot.joint_names[j] for j in arm.held), *(name for name, size in tube.items() if size.any())]
+    names += [*(task.robot.joint_names[j] for j in arm.held), *(name for name, size in tube.items() if size.any())]
     if not names or len(arm.arm) != 6 or len(rows) < 3 or not settings.free_spin:
         return None
     room = np.column_stack([*tube.values(), *(np.full(len(rows), np.sin(most)) for most in leans.values())])
-    return FreeCoordinates(rows, tuple(names), path_axes(divide_toolpath(request.nominal, task.origin[rows])), room)
+    return FreeCoordinates(rows, tuple(names), path_axes(divide_toolpath(nominal, task.origin[rows])), room)
 
 
 def state_problem(
-    task: PlanTask, free: FreeCoordinates, weights: CostWeights, reference: ReferenceRun, *, torque: bool = False
+    task: PlanTask, free: FreeCoordinates, weights: CostWeights, reference: ReferenceRun
 ) -> PlanningProblem:
     """Build the problem of posture and speed.
 
@@ -133,7 +130,6 @@ def state_problem(
         free: Free coordinates.
         weights: Weights of the costs.
         reference: Reference time and deflection.
-        torque: Whether joint torques must stay within the efforts of the robot.
     """
     rows, robot = free.rows, task.robot
     k = len(rows)
@@ -157,7 +153,7 @@ def state_problem(
         JointTravel(weights.motion, unit),
         Smoothness(weights.smooth / max(float(along[-1] - along[0]), 1e-9), most),
     ]
-    if torque and (efforts := read_torques(task)) is not None:
+    if task.torque_limits and (efforts := read_torques(task)) is not None:
         limits.append(efforts)
     if weights.band and reference.deflection > 0.0:
         deflection = measure_deflection(task, task.q_start[rows]) / reference.deflection
@@ -182,7 +178,7 @@ def shape_start(
         return None
     if (free := find_free(task, posture_choice, request)) is None:
         return None
-    problem = state_problem(task, free, weights, reference, torque=request.feed_request.torque)
+    problem = state_problem(task, free, weights, reference)
     scene, clear = settings.scene, problem.q_start
     found, iterations = None, 0
     for _ in range(1 if scene is None else CLEARANCE_SOLVES):
@@ -211,7 +207,7 @@ def _follow(
     settings: PostureSettings,
 ) -> Start | None:  # fmt: skip
     """Interpolate the free coordinates of a solution to every waypoint; None if a joint jumps or leaves its range."""
-    robot, arm, nominal = task.robot, build_arm(task.robot), request.nominal
+    arm, nominal = request.problem.arm, request.problem.nominal
     place, every, nq = task.origin[free.rows], np.arange(len(nominal)), task.robot.nq
     moved, room, path = solution.q - task.q_start[free.rows], free.room[:, :3], nominal
     if room.any():  # with a tube: offset of the loaded tip
@@ -238,7 +234,7 @@ def _follow(
     x, y, before = rotation[:, :, 0], rotation[:, :, 1], posture_choice.rotation[:, :, 0]
     spin = posture_choice.spin + np.unwrap(np.arctan2((before * y).sum(axis=1), (before * x).sum(axis=1)))
     angles = leans * np.arccos(normal) / np.maximum(np.sqrt(1.0 - normal**2), 1e-12)
-    costs = summarise_costs(PostureProblem(robot, nominal, request.tool_x, settings), q)
+    costs = summarise_costs(replace(request.problem, settings=settings), q)
     better = replace(
         posture_choice, q=q, rotation=rotation, costs=costs, spin=spin, lead=angles[:, 0], lean=angles[:, 1]
     )

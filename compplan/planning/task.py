@@ -67,6 +67,8 @@ class PlanTask:
     chord: float = np.inf
     smoothing: float = SMOOTHING  #: Smoothing time of the motion. [s]
     inertia: bool = False  #: Whether the inertia of the motion is a load.
+    constant_feed: bool = False  #: Whether the complete cut requires one feed.
+    torque_limits: bool = False  #: Whether joint torques must stay within the efforts of the robot.
     bias: Array | None = None  #: Load of inertia on each elastic coordinate, or None. Shape (n, s). [N m or N]
     #: Link-side joint positions, None if they are q_start. Shape (n, nq). [rad or m]
     links: Array | None = None

@@ -203,12 +203,12 @@ def _stretch_time(task: PlanTask, q: Array, time: Array, use: Array, rows: Torqu
     return best
 
 
-def find_slowdown(task: PlanTask, q: Array, time: Array, rules: TorqueRules | None = None) -> Array:
+def find_slowdown(task: PlanTask, q: Array, time: Array) -> Array:
     """Compute the factor by which times (n,) are too short for joint positions (n, nq), spread nearby. Shape (n,).
 
-    The factor is 1 elsewhere; `rules`: joint torques within limits.
+    The factor is 1 elsewhere.
     """
-    slower = np.ones(len(q))
+    slower, rules = np.ones(len(q)), TorqueRules(task.robot, q, task.wrench) if task.torque_limits else None
     for start, end in task.moving_runs:
         run = slice(start, end + 1)
         use = _use_of(task, q[run], time[run], None if rules is None else partial(rules.rows, start, end))

@@ -14,7 +14,6 @@ from compplan.errors import InputError
 from compplan.job.commented_job import write_job_text
 from compplan.job.job import Job, check_job, load_job
 from compplan.job.loading import load_nominal
-from compplan.planning.feed import FeedRequest
 from compplan.planning.plan import job_robot, read_options
 from compplan.planning.posture.settings import read_settings
 from compplan.process.force_models import FORCE_MODELS
@@ -98,7 +97,7 @@ def test_lengths_and_angles_of_a_job_are_read_in_millimetres_and_degrees() -> No
     assert options.posture.start == pytest.approx(start)
     assert (options.tolerance, options.max_correction, options.chord) == pytest.approx((2e-4, 5e-3, 3e-5))
     assert (options.velocity_scale, options.acceleration_scale) == (0.5, 0.25)
-    assert options.feed == FeedRequest(constant=False, torque=True)
+    assert options.torque_limits and not options.constant_feed
     settings = read_settings(job, robot)
     assert settings.start == pytest.approx(start)
     angles = (settings.lead, settings.lean, settings.limit_margin)

@@ -324,7 +324,7 @@ def test_a_start_from_rest_is_divided_where_its_acceleration_bends_the_arm_by_mo
     }  # fmt: skip
     robot, nominal, options = prepare_job(check_job(job, "job.toml"))
     task = build_task(robot, nominal, options)
-    time = time_run(task, task.q_start, options.feed)[1].time
+    time = time_run(task, task.q_start)[1].time
     bends = []
     for rest, move, way in ((0, 0, 1.0), (-1, -2, -1.0)):
         push = way * 2.0 * (task.q_start[move + 1] - task.q_start[move]) / (time[move + 1] - time[move]) ** 2
@@ -334,5 +334,5 @@ def test_a_start_from_rest_is_divided_where_its_acceleration_bends_the_arm_by_mo
             for bias in (load, None)
         )
         bends.append(float(np.linalg.norm(bent - plain)))
-    found = resolve_starts(replace(task, chord=2.0 * max(bends) / share), options.feed)
+    found = resolve_starts(replace(task, chord=2.0 * max(bends) / share))
     assert (len(found) > len(task)) is divided

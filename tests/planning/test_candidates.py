@@ -140,8 +140,8 @@ def stand(job: str, preset: str) -> tuple[PlanTask, float]:
     """Return the task of a job with the posture of a preset, and how long its run takes."""
     robot, nominal, options = prepare_job(check_job({**JOBS[job], "posture": {"preset": preset}}, "job.toml"))
     task = build_task(robot, nominal, options)
-    driven = resolve_starts(task, options.feed)
-    return task, float(time_run(driven, driven.q_start, options.feed)[1].time[-1])
+    driven = resolve_starts(task)
+    return task, float(time_run(driven, driven.q_start)[1].time[-1])
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ import pytest
 
 from benchmarks.limits import sample_use
 from compplan.job.job import check_job
-from compplan.planning.feed import FeedRequest, find_constant_feed, time_run
+from compplan.planning.feed import find_constant_feed, time_run
 from compplan.planning.plan import PlanOptions, build_task
 from compplan.planning.task import cutting_runs
 from compplan.robot import load_robot
@@ -94,7 +94,7 @@ def test_a_rounded_corner_takes_less_time_than_a_rest_and_the_tool_slows_down_th
     paths = (sharp, round_corners(sharp, 5e-5, SLOWED))
     rested, rounded = (build_task(ROBOT, path, PlanOptions(spin_free=False)) for path in paths)
     assert rested.rests.sum() == 2 and not rounded.rests.any()
-    slow, fast = (time_run(task, task.q_start, FeedRequest())[1] for task in (rested, rounded))
+    slow, fast = (time_run(task, task.q_start)[1] for task in (rested, rounded))
     assert slow.time[-1] - fast.time[-1] > 2 * 0.3 * rounded.smoothing
     bend = np.flatnonzero(rounded.nominal.rounded > 0.0)
     assert 0.02 < fast.share[bend].min() < 0.5
@@ -125,7 +125,7 @@ def test_the_constant_feed_is_the_highest_that_holds() -> None:
 
 def test_a_constant_feed_holds_between_start_and_stop_and_is_told() -> None:
     task = make_task(arc_path(0.3, 2.0))
-    changed, timing, notes = time_run(task, task.q_start, FeedRequest(constant=True))
+    changed, timing, notes = time_run(replace(task, constant_feed=True), task.q_start)
     wanted = changed.nominal.feed[5]
     middle = slice(len(task) // 3, 2 * len(task) // 3)
     assert timing.feed[middle] == pytest.approx(wanted, rel=1e-2)
@@ -178,8 +178,8 @@ def test_tight_torque_limits_slow_the_run_down_and_are_kept() -> None:
         ),
     )
     tight = replace(task, robot=weak)
-    plain = time_run(tight, task.q_start, FeedRequest())[1]
-    slowed = time_run(tight, task.q_start, FeedRequest(torque=True))[1]
+    plain = time_run(tight, task.q_start)[1]
+    slowed = time_run(replace(tight, torque_limits=True), task.q_start)[1]
     assert slowed.time[-1] > 1.02 * plain.time[-1]
 
 
@@ -203,7 +203,7 @@ def test_torques_are_held_by_the_timed_run_in_an_engine_of_another() -> None:
     task = replace(task, robot=replace(ROBOT, joints=joints))
     uses = []
     for torque in (False, True):
-        timing = time_run(task, task.q_start, FeedRequest(torque=torque))[1]
+        timing = time_run(replace(task, torque_limits=torque), task.q_start)[1]
         use = sample_use(
             task.q_start, timing.time, cutting_runs(task.nominal.rapid), task.velocity_limits, task.acceleration_limits,
             arm=ROBOT.folder, effort=np.array(list(weak.values())), wrench=task.wrench,

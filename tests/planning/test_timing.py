@@ -155,7 +155,7 @@ def test_rests_and_turns_on_the_spot_count_for_how_much_slower_a_run_has_to_be()
     there = np.vstack([q, 2 * q[-1] - q[-2::-1]])  # faster and faster, then slower and slower
     time = np.r_[time, time[-1] + time[1:]]
     task = SimpleNamespace(
-        moving_runs=[(0, 5), (5, 10)],
+        moving_runs=[(0, 5), (5, 10)], torque_limits=False,
         velocity_limits=np.array([100.0]), acceleration_limits=np.array([2.0]), smoothing=0.0,
     )  # fmt: skip
     # at its limit on the way; it arrives at waypoint 5 with 0.9 rad/s and stops there within 0.05 s: 18 rad/s^2

@@ -155,15 +155,15 @@ def check_clearance(start: Start | None, q: Array) -> tuple[ClearanceProfile | N
     return profile, near
 
 
-def find_plain(robot: Robot, nominal: Toolpath, tool_x: Array, start: Start) -> Start | None:
+def find_plain(problem: PostureProblem, start: Start) -> Start | None:
     """Return the start with one configuration and the x axis of the tool as programmed.
 
     None if it is the graph's choice already, or infeasible.
     """
     if start.posture_choice is None or start.posture_choice.plain:
         return None
-    plain = choose_plain(PostureProblem(robot, nominal, tool_x, start.settings), start.posture_choice)
-    return None if plain is None else build_start(replace(plain, plain=False), nominal, start.settings)
+    plain = choose_plain(replace(problem, settings=start.settings), start.posture_choice)
+    return None if plain is None else build_start(replace(plain, plain=False), problem.nominal, start.settings)
 
 
 def find_partial(problem: PostureProblem, reason: str) -> Start:
