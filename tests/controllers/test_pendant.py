@@ -18,7 +18,7 @@ from compplan.controllers.writers.joint_convention import locate_pendant
 from compplan.errors import InputError
 from compplan.job.frames import PartTable, ToolTable
 from compplan.job.job import check_job
-from compplan.planning.notes import check_spindle, check_tool
+from compplan.job.questions import check_spindle, check_tool
 from compplan.robot import load_robot, robot_folders
 from compplan.simulation.exact import build_exact_robot, solve_exact_pose
 from compplan.simulation.exact_model import read_exact_robot

@@ -15,7 +15,8 @@ from commandline import run_command
 
 from compplan.io.notes import list_remarks, list_stops
 from compplan.job.job import check_job
-from compplan.planning.notes import check_tool, describe_causes, describe_spindle
+from compplan.job.questions import check_tool, describe_spindle
+from compplan.planning.notes import describe_causes
 from compplan.robot import load_robot, robot_folders
 from compplan.robot.mounting import mounted_tool, name_axis, outward_axis
 from compplan.statics.chain import build_chain, locate_frames
@@ -161,6 +162,8 @@ def test_a_cut_that_nothing_turns_the_spindle_for_is_told() -> None:
     job = check_job({**JOB, "process": {"model": "end_mill", "diameter_mm": 8.0, "teeth": 2, "spindle_rpm": 9000.0,
                                         "material": "al6082_t6"}})  # fmt: skip
     task: Any = SimpleNamespace(nominal=SimpleNamespace(events=(Event(-1, "tool", 1.0),)))
-    assert "never starts the spindle (no M3 or M4)" in describe_spindle(task, job)
+    assert "never starts the spindle (no M3 or M4)" in describe_spindle(task.nominal, job)
     task.nominal.events = (Event(0, "spindle_cw", 9000.0),)
-    assert not describe_spindle(task, job) and not describe_spindle(task, check_job({**JOB, "toolpath": "path.csv"}))
+    assert not describe_spindle(task.nominal, job) and not describe_spindle(
+        task.nominal, check_job({**JOB, "toolpath": "path.csv"})
+    )
