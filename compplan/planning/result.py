@@ -244,7 +244,7 @@ class Plan(Shown):
             **({} if self.executed is None else {"executed_mm": self.executed.describe()}),
             **({} if self.motion is None else {
                 "inertia_mm": {"max": 1e3 * self.inertia, "compensated": self.task.inertia}}),
-            **summarise_band(self.error_band),
+            **({} if self.error_band is None else self.error_band.describe()),
             "tilt_after_deg": {"max": float(np.degrees(self.after.max_tilt))},
             "within_tolerance": self.after.share_within(self.task.tolerance),
             "correction_mm": {"max": self.max_correction * 1e3},
@@ -276,35 +276,3 @@ class Plan(Shown):
         if self.status != "solved":
             summary["failure"] = self.explain_failures()
         return summary
-
-
-def summarise_band(error_band: ErrorBand | None) -> dict[str, Any]:
-    """Return the entries of plan.json on the error band; none without a band."""
-    if error_band is None:
-        return {}
-    widest, known, before = error_band.widest, error_band.known, error_band.before
-    return {
-        "error_band_mm": {
-            "p95_max": error_band.greatest * 1e3,
-            "p95_rms": float(np.sqrt(np.mean(error_band.radius[error_band.cut] ** 2))) * 1e3,
-            "whole_path_p95": error_band.whole * 1e3,
-            "widest_waypoint": widest,
-            "at_widest": {name: float(values[widest]) * 1e3 for name, values in error_band.parts.items()},
-        },
-        **({} if before is None else {
-            "error_band_before_mm": {"p95_max": before[0] * 1e3, "whole_path_p95": before[1] * 1e3}}),
-        "ladder": [
-            {"step": rung.step, "p95_max": rung.band * 1e3, "alone_p95_max": rung.alone * 1e3, "keeps": rung.keeps,
-             "minutes": rung.minutes, "instrument": rung.instrument, "cheapest": rung.step in error_band.cheapest}
-            for rung in error_band.ladder
-        ],
-        "error_band_from": {
-            "grade": known.grade,
-            "source": known.source,
-            "force": error_band.force.source,
-            "calibration_factor": known.calibration,
-            "calibration_groups": known.groups,
-            "leading": [{"unknown": name, "share_of_variance": share} for name, share in error_band.leading],
-            "assumed": list(error_band.assumed),
-        },
-    }  # fmt: skip

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -162,6 +163,35 @@ class ErrorBand:
         """Return the row of the cut with the widest band."""
         rows = np.flatnonzero(self.cut)
         return int(rows[self.radius[rows].argmax()])
+
+    def describe(self) -> dict[str, Any]:
+        """Describe the band for plan.json."""
+        widest, known, before = self.widest, self.known, self.before
+        return {
+            "error_band_mm": {
+                "p95_max": self.greatest * 1e3,
+                "p95_rms": float(np.sqrt(np.mean(self.radius[self.cut] ** 2))) * 1e3,
+                "whole_path_p95": self.whole * 1e3,
+                "widest_waypoint": widest,
+                "at_widest": {name: float(values[widest]) * 1e3 for name, values in self.parts.items()},
+            },
+            **({} if before is None else {
+                "error_band_before_mm": {"p95_max": before[0] * 1e3, "whole_path_p95": before[1] * 1e3}}),
+            "ladder": [
+                {"step": rung.step, "p95_max": rung.band * 1e3, "alone_p95_max": rung.alone * 1e3, "keeps": rung.keeps,
+                 "minutes": rung.minutes, "instrument": rung.instrument, "cheapest": rung.step in self.cheapest}
+                for rung in self.ladder
+            ],
+            "error_band_from": {
+                "grade": known.grade,
+                "source": known.source,
+                "force": self.force.source,
+                "calibration_factor": known.calibration,
+                "calibration_groups": known.groups,
+                "leading": [{"unknown": name, "share_of_variance": share} for name, share in self.leading],
+                "assumed": list(self.assumed),
+            },
+        }  # fmt: skip
 
 
 def linearise_path(
