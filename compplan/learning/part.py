@@ -25,7 +25,6 @@ from compplan.measurement.distance import band_radius
 from compplan.measurement.part_points import Surface, read_measured_points
 from compplan.planning.checks import state_notes
 from compplan.planning.plan import PlanOptions, build_task, plan_task, prepare_job
-from compplan.planning.posture.follow import solve_posture_near, turn_about_axis
 from compplan.planning.posture.start import read_lock
 from compplan.planning.result import Plan
 from compplan.planning.task import PlanTask
@@ -34,7 +33,8 @@ from compplan.robot import Array, Robot, load_robot
 from compplan.robot.pose import fit_displacement, see_position
 from compplan.robot.uncertainty import Uncertainty
 from compplan.statics.chain import locate_frames
-from compplan.statics.ik import build_arm
+from compplan.statics.ik import build_arm, solve_posture_near
+from compplan.toolpath.contact import turn_about_axis
 from compplan.toolpath.toolpath import Toolpath, interpolate
 from compplan.uncertainty.assumed import robot_uncertainty
 from compplan.uncertainty.band import PATHS, SEED, Slopes, draw_columns, linearise_path, widen_to_path

@@ -28,7 +28,7 @@ from compplan.planning.limits.torque import read_torques
 from compplan.planning.nlp import Solution, solve_problem
 from compplan.planning.posture.clearance import sweep_margin
 from compplan.planning.posture.collision_scene import CollisionScene
-from compplan.planning.posture.follow import find_jumps_along, turn_about_axis
+from compplan.planning.posture.follow import find_jumps_along
 from compplan.planning.posture.settings import PostureProblem, PostureSettings
 from compplan.planning.posture.start import build_start
 from compplan.planning.posture.summary import PostureSummary, Start, summarise_costs
@@ -38,7 +38,7 @@ from compplan.robot import Array
 from compplan.statics.chain import locate_frames
 from compplan.statics.ik import CLOSE, reach_pose
 from compplan.statics.stiffness import attain_pose
-from compplan.toolpath.contact import path_axes
+from compplan.toolpath.contact import path_axes, turn_about_axis
 from compplan.toolpath.toolpath import divide_toolpath, interpolate
 from compplan.uncertainty.sensitivities import ForceSpread
 

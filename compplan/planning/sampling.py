@@ -15,12 +15,12 @@ from numpy.typing import NDArray
 
 from compplan.effects.attained import attain_with_effects
 from compplan.errors import InfeasibleError
-from compplan.planning.posture.follow import solve_posture_near, turn_about_axis
 from compplan.planning.task import PlanTask
 from compplan.robot import Array
 from compplan.statics.chain import locate_frames
-from compplan.statics.ik import build_arm
+from compplan.statics.ik import build_arm, solve_posture_near
 from compplan.statics.stiffness import attain_pose
+from compplan.toolpath.contact import turn_about_axis
 from compplan.toolpath.corners import find_corners
 from compplan.toolpath.events import find_halts
 from compplan.toolpath.toolpath import Toolpath, divide_toolpath

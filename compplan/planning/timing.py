@@ -304,7 +304,7 @@ def time_cut(
         gentle: Greatest change of the share of the programmed feed. [1/s]
 
     Raises:
-        ConvergenceError: If a limit is exceeded even at rest.
+        ConvergenceError: If a limit is exceeded even at rest, or there is no run from rest to rest.
     """
     spline = CubicSpline(along, q, bc_type="natural")
     rate, change = spline(along, 1), spline(along, 2)
@@ -318,27 +318,16 @@ def time_cut(
         rows = [np.hstack([row, part]) for row, part in zip(rows, more, strict=True)]
         if (np.abs(more[2]) >= more[3]).any():
             raise ConvergenceError("no run along the path keeps the joint torques even at rest", residual=np.nan)
-    return np.sqrt(fastest_squares(along, fastest, *rows))
-
-
-def fastest_squares(along: Array, fastest: Array, a: Array, b: Array, c: Array, most: Array) -> Array:
-    """Solve for the greatest squared speeds from rest to rest by TOPP-RA: |a u + b x + c| <= most, x <= fastest.
-
-    On a grid `along` (k,) [s]; a, b and c: (k, r), most: (r,).
-
-    Raises:
-        ConvergenceError: If there is no run from rest to rest.
-    """
-    spline, limit, algorithm = _toppra()
-    rows = a / most, b / most, c / most
-    rule = limit(rows, np.column_stack([np.zeros(len(along)), fastest]))
-    problem = algorithm([rule], spline(along, along[:, None]), gridpoints=along, solver_wrapper="seidel")
+    *rows, bound = rows
+    grid, limit, algorithm = _toppra()
+    rule = limit([row / bound for row in rows], np.column_stack([np.zeros(len(along)), fastest]))
+    problem = algorithm([rule], grid(along, along[:, None]), gridpoints=along, solver_wrapper="seidel")
     found = problem.compute_parameterization(0.0, 0.0)
     if found is None or found[1] is None or not np.isfinite(found[1]).all():
         raise ConvergenceError("no run along the path keeps the joint rates from rest to rest", residual=np.nan)
-    square = np.maximum(np.asarray(found[1], float), 0.0) ** 2
-    square[[0, -1]] = 0.0
-    return square
+    speed = np.maximum(np.asarray(found[1], float), 0.0)
+    speed[[0, -1]] = 0.0
+    return speed
 
 
 @cache
@@ -357,7 +346,7 @@ def _toppra() -> tuple[Any, Any, Any]:
     class RowLimit(LinearConstraint):  # type: ignore[misc]
         """Constraint |a u + b x + c| <= 1 at both ends of every move, and bounds of x."""
 
-        def __init__(self, rows: tuple[Array, Array, Array], bounds: Array) -> None:
+        def __init__(self, rows: list[Array], bounds: Array) -> None:
             super().__init__()
             self.rows, self.bounds, self.identical = rows, bounds, True
             self.set_discretization_type(DiscretizationType.Interpolation)

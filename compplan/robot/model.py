@@ -25,6 +25,9 @@ Array = NDArray[np.float64]
 SPRING_AXES = ("own", "tx", "ty", "tz", "rx", "ry", "rz")
 #: Gravity for the weight of a tool if the model states none. [m/s^2]
 STANDARD_GRAVITY = 9.81
+#: Greatest difference of joint origins [m] and axes [rad] between two folders of one machine (assumed: a measured
+#: geometry differs by millimetres).
+SAME_PLACE, SAME_AXIS = 0.05, 0.1
 GRADES = ("identified", "literature", "scaled", "placeholder")
 
 
@@ -332,3 +335,15 @@ def _urdf_with_tool(robot: Robot, tool: Joint) -> str:
     text = {"xyz": tool.placement[:3, 3], "rpy": roll_pitch_yaw_of(tool.placement[:3, :3])}
     ElementTree.SubElement(joint, "origin", {key: " ".join(repr(float(v)) for v in row) for key, row in text.items()})
     return ElementTree.tostring(root, encoding="unicode")
+
+
+def is_same_machine(one: Robot, other: Robot) -> bool:
+    """Return whether two folders describe one machine: the same joints, at nearly the same places."""
+    if one.joint_names != other.joint_names or len(one.joints) != len(other.joints):
+        return False
+    for a, b in zip(one.joints, other.joints, strict=True):
+        gap = np.linalg.inv(a.placement) @ b.placement
+        turn = np.arccos(np.clip(0.5 * (np.trace(gap[:3, :3]) - 1.0), -1.0, 1.0))
+        if np.linalg.norm(gap[:3, 3]) > SAME_PLACE or turn > SAME_AXIS:
+            return False
+    return True

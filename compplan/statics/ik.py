@@ -91,6 +91,13 @@ def _returns_probes(arm: Arm) -> bool:
     return len(np.unique(rows[fits.all(axis=1)])) == len(q)
 
 
+def stretch_arm(arm: Arm) -> float:
+    """Return the length of the stretched arm. [m]"""
+    frames = locate_frames(arm.chain, np.zeros((1, arm.chain.nq)))
+    points = np.vstack([frames.origin[0, arm.chain.joint_elements[arm.arm]], frames.tcp_position])
+    return float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
+
+
 def solve_branches(arm: Arm, position: Array, rotation: Array, held: Array | None = None) -> Array:
     """Find every solution, sorted by configuration, revolute joints within half a turn of the middle of their limits.
 
@@ -270,6 +277,30 @@ def reach_tip_and_axis(
         q[:, moved] += step * np.minimum(1.0, LARGEST / np.maximum(np.abs(step).max(axis=1), 1e-300))[:, None]
         q = np.clip(q, robot.lower, robot.upper) if every_joint else q
     return q, np.abs(error).max(axis=1) < CLOSE
+
+
+def solve_posture_near(
+    arm: Arm, q: Array, position: Array, rotation: Array, *, spin_free: bool
+) -> tuple[Array, Array, NDArray[np.bool_]]:
+    """Solve the inverse kinematics of poses (n, 3), (n, 3, 3) from nearby joint positions q (n, nq) [rad or m].
+
+    With fewer than six joints only tip and tool axis are solved for (and the spin if it is not free); with more than
+    six, all joints move where six do not reach. Returns joint positions, orientations, and which poses are reached
+    within the joint limits.
+    """
+    if arm.robot.nq < 6:
+        q, reached = reach_tip_and_axis(arm, q, position, rotation, spin_free=spin_free)
+        reached &= ((q >= arm.robot.lower - 1e-9) & (q <= arm.robot.upper + 1e-9)).all(axis=1)
+        return q, locate_frames(arm.chain, q).tcp_rotation, reached
+    near, (q, reached), rotation = q, reach_pose(arm, q, position, rotation), rotation.copy()
+    if arm.robot.nq > 6 and len(lost := np.flatnonzero(~reached)):
+        found, helped = reach_tip_and_axis(arm, near[lost], position[lost], rotation[lost], spin_free=spin_free,
+                                           every_joint=True)  # fmt: skip
+        lost, found = lost[helped], found[helped]
+        q[lost], reached[lost] = found, True
+        if spin_free:
+            rotation[lost] = locate_frames(arm.chain, found).tcp_rotation
+    return q, rotation, reached
 
 
 def pose_error(chain: Chain, q: Array, position: Array, rotation: Array) -> Array:

@@ -100,6 +100,14 @@ def _move_directions(nominal: Toolpath) -> Array:
     return np.asarray(travel / np.maximum(np.linalg.norm(travel, axis=1, keepdims=True), 1e-300))
 
 
+def turn_about_axis(x: Array, axis: Array) -> Array:
+    """Return rotations (n, 3, 3) with z = -axis (axis: from tip to spindle) and x as near to `x` as possible."""
+    z = -axis
+    x = x - np.einsum("ni,ni->n", z, x)[:, None] * z
+    x = x / np.maximum(np.linalg.norm(x, axis=1, keepdims=True), 1e-12)
+    return np.stack([x, np.cross(z, x), z], axis=2)
+
+
 def tool_axes(nominal: Toolpath, tool_x: Array | None) -> Array:
     """Return the axes of the TCP frame as columns: z out of the tool, x the projection of `tool_x` normal to z.
 

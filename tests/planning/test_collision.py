@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import trimesh
 
+from compplan.controllers.writers.joint_convention import locate_links
 from compplan.errors import InputError
 from compplan.io.meshes import load_mesh
 from compplan.job.job import check_job
@@ -19,10 +20,9 @@ from compplan.planning.posture.collision_scene import (
     describe_contact,
     find_contacts,
     find_near,
-    locate_all_links,
 )
 from compplan.planning.posture.settings import PostureProblem, PostureSettings, read_settings
-from compplan.reporting.scenes import locate_links
+from compplan.reporting.scenes import locate_links as locate_drawn
 from compplan.robot import load_robot
 from compplan.robot.solids import cut_tip
 from compplan.toolpath.toolpath import Toolpath
@@ -33,15 +33,15 @@ REST = np.array([[0.0, 0.3, 0.5, 0.0, 0.8, 0.0]])
 
 def test_link_frames_agree_with_those_that_the_report_draws() -> None:
     q = REST + 0.3 * np.random.default_rng(0).standard_normal((3, 6))
-    frames = locate_all_links(ROBOT, q)
+    frames = locate_links(ROBOT, q)
     for i in range(3):
-        for link, pose in locate_links(ROBOT, q[i]).items():
+        for link, pose in locate_drawn(ROBOT, q[i]).items():
             if link in frames:
                 assert frames[link][i] == pytest.approx(pose, abs=1e-12)
 
 
 def test_the_distance_of_a_ball_at_the_flange_from_a_wall_is_the_closed_form() -> None:
-    flange = locate_all_links(ROBOT, REST)[ROBOT.flange][0][:3, 3]
+    flange = locate_links(ROBOT, REST)[ROBOT.flange][0][:3, 3]
     ball = trimesh.creation.icosphere(subdivisions=4, radius=0.4)
     wall = trimesh.creation.box((0.1, 40.0, 40.0))
     wall.apply_translation([flange[0] + 0.4 + 0.123 + 0.05, 0.0, 0.0])
@@ -54,7 +54,7 @@ def test_the_distance_of_a_ball_at_the_flange_from_a_wall_is_the_closed_form() -
 
 
 def test_the_tip_may_touch_the_part_and_the_shank_may_not() -> None:
-    flange = locate_all_links(ROBOT, REST)[ROBOT.flange][0]
+    flange = locate_links(ROBOT, REST)[ROBOT.flange][0]
     tip = ROBOT.with_tool(np.array([[0, 0, 1.0, 0.3], [0, 1, 0, 0], [-1, 0, 0, 0], [0, 0, 0, 1.0]]))
     rod = trimesh.creation.cylinder(0.01, segment=([0, 0, 0], [0.3, 0, 0]))
     part = trimesh.creation.box((0.02, 0.02, 0.02))
@@ -113,7 +113,7 @@ def test_distances_of_the_several_nearest_pairs_answer_to_the_joints_as_differen
 
 
 def test_two_pairs_that_are_equally_near_have_each_a_slope_of_their_own() -> None:
-    flange = locate_all_links(ROBOT, REST)[ROBOT.flange][0][:3, 3]
+    flange = locate_links(ROBOT, REST)[ROBOT.flange][0][:3, 3]
     tool = trimesh.creation.icosphere(subdivisions=3, radius=0.3)
     walls = [trimesh.creation.box((4.0, 0.1, 4.0)) for _ in range(2)]
     for wall, side in zip(walls, (-0.4, 0.4), strict=True):
@@ -132,7 +132,7 @@ def test_two_pairs_that_are_equally_near_have_each_a_slope_of_their_own() -> Non
 def test_what_is_passed_between_two_stations_is_noticed() -> None:
     q = np.tile(REST, (3, 1))
     q[:, 0] = [-1.5, -0.5, 0.5]
-    middle = locate_all_links(ROBOT, 0.5 * (q[1:2] + q[2:]))[ROBOT.flange][0]
+    middle = locate_links(ROBOT, 0.5 * (q[1:2] + q[2:]))[ROBOT.flange][0]
     post = trimesh.creation.cylinder(0.02, height=0.5).apply_translation(middle[:3, 3])
     scene = build_scene(ROBOT, fixture=post, self_collision=False)
     assert measure_margin(scene, q, 0.005).min() > 0.0
@@ -158,7 +158,7 @@ def test_the_graph_turns_the_tool_away_from_an_obstacle() -> None:
     settings = PostureSettings(stations=15, spin_step=np.radians(10))
 
     free = choose_posture_path(PostureProblem(robot, nominal, np.array([1.0, 0, 0]), settings))
-    middle = locate_all_links(robot, free.q[n // 2 : n // 2 + 1])[robot.flange][0]
+    middle = locate_links(robot, free.q[n // 2 : n // 2 + 1])[robot.flange][0]
     post = trimesh.creation.box((0.15, 0.15, 0.15)).apply_translation(middle[:3, 3])
     scene = build_scene(robot, tool=spindle, fixture=post)
     assert measure_margin(scene, free.q, 0.01).min() < 0

@@ -9,9 +9,9 @@ import pytest
 from compplan.job.job import load_job
 from compplan.learning.part import build_learned
 from compplan.planning.plan import build_task, prepare_job
-from compplan.planning.posture.start import is_same_machine
 from compplan.robot import Array, Robot, load_robot
 from compplan.robot.folder import write_robot_folder
+from compplan.robot.model import is_same_machine
 
 pytestmark = pytest.mark.usefixtures("graph_alone")
 

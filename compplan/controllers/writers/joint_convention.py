@@ -198,13 +198,16 @@ def locate_link(robot: Robot, q: Array, link: str) -> Array:
     return locate_links(robot, q, [link])[link]
 
 
-def locate_links(robot: Robot, q: Array, links: Sequence[str]) -> dict[str, Array]:
+def locate_links(robot: Robot, q: Array, links: Sequence[str] | None = None) -> dict[str, Array]:
     """Return the poses of the frames of the base and some links, unloaded, base frame. Shape (n, nq) -> (n, 4, 4) [m].
+
+    links: names of the links (default: all).
 
     Raises:
         InputError: If the chain has no such link.
     """
     poses = follow_joints(robot.base, robot.joints, dict(zip(robot.joint_names, q.T, strict=True)))
+    links = [joint.child for joint in robot.joints] if links is None else links
     if missing := [link for link in links if link not in poses]:
         raise InputError(f"no link named {missing[0]!r}, choose from {[joint.child for joint in robot.joints]}")
     return {link: np.broadcast_to(poses[link], (len(q), 4, 4)) for link in (robot.base, *links)}

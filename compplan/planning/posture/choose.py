@@ -14,7 +14,7 @@ from scipy.interpolate import PchipInterpolator
 
 from compplan.errors import InfeasibleError
 from compplan.planning.posture.costs import SINGULARITY_MARGIN, Weights, choose_weights
-from compplan.planning.posture.follow import find_jumps_along, turn_about_axis
+from compplan.planning.posture.follow import find_jumps_along
 from compplan.planning.posture.lattice import (
     COLLISION,
     EXCLUDED,
@@ -32,6 +32,7 @@ from compplan.planning.posture.summary import PostureSummary, PostureTrace, summ
 from compplan.robot import Array
 from compplan.statics.chain import locate_frames
 from compplan.statics.ik import CLOSE, CONFIGURATIONS, pose_error, reach_tip_and_axis, refine_ik, solve_nearest
+from compplan.toolpath.contact import turn_about_axis
 from compplan.toolpath.toolpath import select_even
 
 #: Share of the plain posture's figure below which a choice replaces it: margin of the accuracy of band figures

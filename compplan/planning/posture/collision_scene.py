@@ -247,7 +247,7 @@ def _find_drawn_touching(robot: Robot, solids: Sequence[Solid], own: NDArray[np.
 
 def _tip_in(robot: Robot, link: str) -> Array:
     """Return the tool centre point in the frame of a link beyond the flange. Shape (3,). [m]"""
-    frames = locate_all_links(robot, np.zeros((1, robot.nq)))
+    frames = locate_links(robot, np.zeros((1, robot.nq)))
     return np.asarray((np.linalg.inv(frames[link][0]) @ frames[robot.tcp][0])[:3, 3])
 
 
@@ -301,7 +301,7 @@ def find_contacts(
     pairs: indices of the solids to check. Shape (p, 2).
     """
     contacts = [Contact("", "", far)] * len(q)
-    for found in _find_nearest(solids, locate_all_links(robot, q), pairs, len(q), far=far, most=1):
+    for found in _find_nearest(solids, locate_links(robot, q), pairs, len(q), far=far, most=1):
         first, second = (solids[end].name for end in pairs[found.pair])
         contacts[found.posture] = Contact(first, second, found.distance)
     return contacts
@@ -315,7 +315,7 @@ def find_near(robot: Robot, solids: Sequence[Solid], q: Array, pairs: NDArray[np
     p the nearest points, n the normal from a to b, J the Jacobian of such a point fixed to its link.
     Pairs beyond `far` [m] are left out.
     """
-    frames = locate_all_links(robot, q)
+    frames = locate_links(robot, q)
     found = _find_nearest(solids, frames, pairs, len(q), far=far, most=MOST_PAIRS)
     posture, rate = np.array([each.posture for each in found], int), np.zeros((len(found), robot.nq))
     normal = np.array([each.normal for each in found]).reshape(-1, 3)
@@ -343,11 +343,6 @@ def _move_points(
         carried = np.array([link in beyond for link in links], float)
         rate[:, names.index(name)] += share * carried * np.einsum("rk,rk->r", moved, normal)
     return rate
-
-
-def locate_all_links(robot: Robot, q: Array) -> dict[str, Array]:
-    """Return the pose of each link's frame at postures (n, nq). Shape (n, 4, 4) each. [m]"""
-    return locate_links(robot, q, [joint.child for joint in robot.joints])
 
 
 def describe_contact(contact: Contact) -> str:

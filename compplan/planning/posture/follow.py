@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.robot import Array
-from compplan.statics.chain import locate_frames
-from compplan.statics.ik import Arm, middle_of_limits, reach_pose, reach_tip_and_axis
+from compplan.statics.ik import Arm, middle_of_limits, reach_tip_and_axis
 from compplan.toolpath.toolpath import Toolpath, interpolate, select_even
 
 #: Waypoints that are solved one after the other; those between start from linear interpolation.
@@ -62,35 +61,3 @@ def _search_start(arm: Arm, position: Array, rotation: Array, *, spin_free: bool
     found, reached = reach_tip_and_axis(arm, seeds, *wanted, spin_free=spin_free)
     room = np.where(reached, np.minimum(found - robot.lower, robot.upper - found).min(axis=1), -np.inf)
     return None if room.max() < 0.0 else np.asarray(found[int(room.argmax())])
-
-
-def solve_posture_near(
-    arm: Arm, q: Array, position: Array, rotation: Array, *, spin_free: bool
-) -> tuple[Array, Array, NDArray[np.bool_]]:
-    """Solve the inverse kinematics of poses (n, 3), (n, 3, 3) from nearby joint positions q (n, nq) [rad or m].
-
-    With fewer than six joints only tip and tool axis are solved for (and the spin if it is not free); with more than
-    six, all joints move where six do not reach. Returns joint positions, orientations, and which poses are reached
-    within the joint limits.
-    """
-    if arm.robot.nq < 6:
-        q, reached = reach_tip_and_axis(arm, q, position, rotation, spin_free=spin_free)
-        reached &= ((q >= arm.robot.lower - 1e-9) & (q <= arm.robot.upper + 1e-9)).all(axis=1)
-        return q, locate_frames(arm.chain, q).tcp_rotation, reached
-    near, (q, reached), rotation = q, reach_pose(arm, q, position, rotation), rotation.copy()
-    if arm.robot.nq > 6 and len(lost := np.flatnonzero(~reached)):
-        found, helped = reach_tip_and_axis(arm, near[lost], position[lost], rotation[lost], spin_free=spin_free,
-                                           every_joint=True)  # fmt: skip
-        lost, found = lost[helped], found[helped]
-        q[lost], reached[lost] = found, True
-        if spin_free:
-            rotation[lost] = locate_frames(arm.chain, found).tcp_rotation
-    return q, rotation, reached
-
-
-def turn_about_axis(x: Array, axis: Array) -> Array:
-    """Return rotations (n, 3, 3) with z = -axis (axis: from tip to spindle) and x as near to `x` as possible."""
-    z = -axis
-    x = x - np.einsum("ni,ni->n", z, x)[:, None] * z
-    x = x / np.maximum(np.linalg.norm(x, axis=1, keepdims=True), 1e-12)
-    return np.stack([x, np.cross(z, x), z], axis=2)

@@ -17,7 +17,7 @@ from compplan.planning.posture.costs import SINGULARITY_MARGIN, measure_nodes
 from compplan.planning.posture.settings import PostureProblem, PostureSettings
 from compplan.robot import Array
 from compplan.statics.chain import locate_frames
-from compplan.statics.ik import CONFIGURATIONS, Arm, middle_of_limits, solve_branches
+from compplan.statics.ik import CONFIGURATIONS, Arm, middle_of_limits, solve_branches, stretch_arm
 from compplan.toolpath.contact import path_axes, tool_axes
 from compplan.toolpath.toolpath import Toolpath, select_even
 
@@ -177,13 +177,6 @@ def _hold_axes(problem: PostureProblem) -> Array:
             away = np.linalg.norm((origin - problem.nominal.position.mean(axis=0))[:, :2], axis=1)
             rest = grid[np.abs(away - RAIL_DISTANCE * stretch_arm(arm)).argmin()]
     return rest
-
-
-def stretch_arm(arm: Arm) -> float:
-    """Return the length of the stretched arm. [m]"""
-    frames = locate_frames(arm.chain, np.zeros((1, arm.chain.nq)))
-    points = np.vstack([frames.origin[0, arm.chain.joint_elements[arm.arm]], frames.tcp_position])
-    return float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
 
 
 def orient_tool(

@@ -16,12 +16,12 @@ from compplan.job.job import Job
 from compplan.planning.posture.choose import choose_partial, choose_plain, choose_posture_path
 from compplan.planning.posture.clearance import ClearanceProfile, measure_clearance
 from compplan.planning.posture.collision_scene import describe_contact
-from compplan.planning.posture.follow import follow_path, solve_posture_near
-from compplan.planning.posture.lattice import stretch_arm
+from compplan.planning.posture.follow import follow_path
 from compplan.planning.posture.settings import PostureProblem, PostureSettings
 from compplan.planning.posture.summary import PostureSummary, Start, summarise_costs
 from compplan.robot import Array, Robot, load_robot
 from compplan.robot.folder import find_robot_folder
+from compplan.robot.model import is_same_machine
 from compplan.statics.chain import locate_frames
 from compplan.statics.ik import (
     CONFIGURATIONS,
@@ -30,6 +30,8 @@ from compplan.statics.ik import (
     name_configuration,
     reach_tip_and_axis,
     solve_branches,
+    solve_posture_near,
+    stretch_arm,
 )
 from compplan.toolpath.contact import tool_axes
 from compplan.toolpath.toolpath import Toolpath, select_even
@@ -41,9 +43,6 @@ FOUR_JOINTS = (
 )
 #: Waypoints tried without joint limits if none is reached within them.
 TRIED_WAYPOINTS = 20
-#: Greatest difference of joint origins [m] and axes [rad] between two folders of one machine (assumed: a measured
-#: geometry differs by millimetres).
-SAME_PLACE, SAME_AXIS = 0.05, 0.1
 
 
 def find_start(robot: Robot, nominal: Toolpath, tool_x: Array, settings: PostureSettings) -> Start:
@@ -246,18 +245,6 @@ def read_lock(job: Job, robot: Robot) -> Robot | None:
     own = load_robot(folder)
     own = own if job.tool is None else job.tool.mount(own)
     return own if is_same_machine(own, robot) else None
-
-
-def is_same_machine(one: Robot, other: Robot) -> bool:
-    """Return whether two folders describe one machine: the same joints, at nearly the same places."""
-    if one.joint_names != other.joint_names or len(one.joints) != len(other.joints):
-        return False
-    for a, b in zip(one.joints, other.joints, strict=True):
-        gap = np.linalg.inv(a.placement) @ b.placement
-        turn = np.arccos(np.clip(0.5 * (np.trace(gap[:3, :3]) - 1.0), -1.0, 1.0))
-        if np.linalg.norm(gap[:3, 3]) > SAME_PLACE or turn > SAME_AXIS:
-            return False
-    return True
 
 
 def find_kept_start(
