@@ -20,6 +20,7 @@ from compplan.measurement.campaign import Campaign
 from compplan.measurement.registration import Registration
 from compplan.robot import Array, Robot
 from compplan.robot.mounting import find_hand, mounted_tool
+from compplan.robot.springs import own_sign
 from compplan.statics.chain import Chain, Frames, build_chain, locate_gravity
 from compplan.statics.elastic import solve_equilibrium
 
@@ -230,21 +231,11 @@ def own_springs(robot: Robot) -> dict[int, OwnSpring]:
         joint = joints[spring.joint]
         if not joint.actuated:
             continue
-        sign = own_sign(joint.axis, spring.axis, joint.kind == "prismatic")
+        sign = own_sign(joint, spring.axis)
         index = robot.joint_names.index(joint.name)
         if sign and index not in found and not np.any(spring.offset):
             found[index] = OwnSpring(index, coordinate, number, sign, spring.compliance, spring.actuator)
     return found
-
-
-def own_sign(joint_axis: Array, axis: str, slides: bool) -> float:
-    """Return 1 or -1 if a spring axis is parallel to the joint axis and of its kind, otherwise 0."""
-    if axis == "own":
-        return 1.0
-    if slides != axis.startswith("t"):
-        return 0.0
-    cosine = float(joint_axis["xyz".index(axis[1])])
-    return float(np.sign(cosine)) if abs(cosine) > 1 - 1e-6 else 0.0
 
 
 def spring_coordinates(robot: Robot) -> list[int]:
