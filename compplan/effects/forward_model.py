@@ -150,7 +150,12 @@ def compute_model_loads(model: ForwardModel, springs: dict[int, OwnSpring], chai
     """Return the inputs of the equilibrium of a model, without laws and payload."""
     chain = model_chain(model, chain)
     drive = np.where(model.campaign.link_controlled[:, None], 0.0, model.drive)
-    return Load(chain, np.nan_to_num(model.campaign.q) + drive + model.zero, drive, _spring_load(model, chain, springs))
+    bias: Array | None = None
+    if model.joint_load.any():
+        bias = np.zeros((len(model.campaign), chain.n_springs))
+        for index, spring in springs.items():
+            bias[:, spring.coordinate] = spring.sign * model.joint_load[:, index]
+    return Load(chain, np.nan_to_num(model.campaign.q) + drive + model.zero, drive, bias)
 
 
 def _observe(
@@ -181,7 +186,10 @@ def see_target(model: ForwardModel, frames: Frames, wrench: Array) -> tuple[Arra
         position = position + np.einsum("nij,nj->ni", rotation, tool[:, :3, 3])
         rotation = rotation @ tool[:, :3, :3]
     target = position
-    twist = model.base_twist + _tilt(model, frames, wrench)
+    twist = model.base_twist
+    if model.tilt.any():
+        tilt = model.tilt * base_moment(frames, build_chain(model.robot), wrench)
+        twist = twist + np.hstack([np.zeros((len(tilt), 3)), tilt])
     turn = Rotation.from_rotvec(twist[:, 3:]).as_matrix()
     position = np.einsum("nij,nj->ni", turn, position) + twist[:, :3]
     rotation = turn @ rotation
@@ -281,13 +289,6 @@ def base_moment(frames: Frames, chain: Chain, wrench: Array) -> Array:
     return np.asarray(moment)
 
 
-def _tilt(model: ForwardModel, frames: Frames, wrench: Array) -> Array:
-    twist = np.zeros((len(wrench), 6))
-    if model.tilt.any():
-        twist[:, 3:] = model.tilt * base_moment(frames, build_chain(model.robot), wrench)
-    return twist
-
-
 def _bend(model: ForwardModel, springs: dict[int, OwnSpring], torque: Array) -> Array:
     """Return the loads equivalent to the nonlinear part of the spring laws. Shape (n, s)."""
     bent = np.zeros_like(torque)
@@ -297,12 +298,3 @@ def _bend(model: ForwardModel, springs: dict[int, OwnSpring], torque: Array) -> 
             k = spring.coordinate
             bent[:, k] += spring.sign * law(spring.sign * torque[:, k]) / spring.compliance
     return bent
-
-
-def _spring_load(model: ForwardModel, chain: Chain, springs: dict[int, OwnSpring]) -> Array | None:
-    if not model.joint_load.any():
-        return None
-    bias = np.zeros((len(model.campaign), chain.n_springs))
-    for index, spring in springs.items():
-        bias[:, spring.coordinate] = spring.sign * model.joint_load[:, index]
-    return bias
