@@ -170,12 +170,6 @@ def _walk(details: ErrorDetails, model: type[BaseModel]) -> tuple[list[str | int
     return keys, holder
 
 
-def shorten_value(value: Any) -> str:
-    """Format a value for a message; the middle of a long one is left out."""
-    text = repr(value)
-    return text if len(text) <= 100 else f"{text[:50]}...{text[-25:]}"
-
-
 def _models_in(annotation: Any) -> list[Any]:
     """Return the models in a type annotation."""
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
@@ -192,7 +186,8 @@ def _join(keys: list[str | int], prefix: str) -> str:
 
 def _say(details: ErrorDetails, holder: Any, where: str) -> str:
     """Return the message of one fault."""
-    kind, given, context = details["type"], shorten_value(details.get("input")), details.get("ctx", {})
+    kind, given, context = details["type"], repr(details.get("input")), details.get("ctx", {})
+    given = given if len(given) <= 100 else f"{given[:50]}...{given[-25:]}"
     if kind == "extra_forbidden":
         if holder is None:
             return "unknown key"

@@ -385,8 +385,8 @@ def _change_key(data: dict[str, Any], change: str) -> str:
     return key
 
 
-def describe_schema() -> dict[str, Any]:
-    """Return the JSON schema of a job file."""
+def write_schema() -> str:
+    """Return the JSON schema of a job file as text."""
     schema = Job.model_json_schema(by_alias=True)
     tables = schema["$defs"]
     models = Annotated[Union[tuple(model.table for model in FORCE_MODELS.values())], Field(discriminator="model")]  # type: ignore[valid-type]  # noqa: UP007
@@ -398,9 +398,5 @@ def describe_schema() -> dict[str, Any]:
     tables["PlanTable"]["properties"]["configuration"] = {
         "anyOf": [{"const": "auto"}, {"$ref": wanted["$ref"]}], "default": "auto"
     }  # fmt: skip
-    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema, "title": "compplan job"}
-
-
-def write_schema() -> str:
-    """Return the schema as text."""
-    return json.dumps(describe_schema(), indent=2)
+    head = {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema, "title": "compplan job"}
+    return json.dumps(head, indent=2)
