@@ -38,8 +38,6 @@ def deflection_panels(deflection: DeflectionMap, quality: Array | None = None) -
     if wrench.any():
         parts = [f"{n} = {w:g} {unit}" for (n, unit), w in zip(WRENCH.items(), wrench, strict=True) if w]
         panels.append(Panel(f"Given wrench ({', '.join(parts)})", deflection.under_wrench * 1e3, "mm"))
-    if np.isfinite(deflection.reduced_gap).any():
-        panels.append(Panel("Full minus reduced model", deflection.reduced_gap * 1e6, "µm/N"))
     if quality is not None and np.nanmax(quality, initial=0.0) > 1e-6:
         panels.append(Panel("Dexterity 1/κ (1 is best)", quality, "", high_is_good=True))
     return panels
