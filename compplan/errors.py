@@ -35,16 +35,9 @@ class InputError(CompplanError):
         self.message = message
         self.file = None if file is None else str(file)
         self.where = where
-        prefix = "".join(f"{part}: " for part in (self._location(),) if part)
-        super().__init__(prefix + message)
-
-    def _location(self) -> str:
-        if self.file is None:
-            return "" if self.where is None else str(self.where)
-        if self.where is None:
-            return self.file
-        separator = ":" if isinstance(self.where, int) else ": "
-        return f"{self.file}{separator}{self.where}"
+        line = self.file is not None and isinstance(where, int)
+        parts = [f"{self.file}:{where}"] if line else [self.file, where]
+        super().__init__(": ".join(str(part) for part in (*parts, message) if part not in (None, "")))
 
 
 class ShapeError(CompplanError):

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 from compplan.errors import InputError
-from compplan.io.in_memory import is_file_name
 from compplan.io.tomlfile import check_table, read_named_table, read_toml
 from compplan.job.job import Job, ToolTable, check_job
 from compplan.job.profile import read_profile
@@ -75,11 +74,11 @@ def _read_source(source: Any) -> tuple[dict[str, Any], Path, Toolpath | None, Ro
         tables = source.model_dump(exclude_unset=True, by_alias=True)
         numbered = {"tool": source.context.data["tool"]} if source.context.tools else {}
         return {**tables, **numbered}, source.file, source.context.given, source.context.mounted, False
-    if is_file_name(source) and Path(source).suffix.lower() == ".toml":
+    if isinstance(source, str | Path) and Path(source).suffix.lower() == ".toml":
         return read_toml(source), Path(source), None, None, False
     if isinstance(source, Mapping) and "toolpath" in source:
         return dict(source), Path("job.toml").absolute(), None, None, False
-    if is_file_name(source):
+    if isinstance(source, str | Path):
         file = Path(source).absolute()
         force = PERHAPS_COLUMNS if file.suffix.lower() == ".csv" else NO_FORCE
         return _path_job(file.stem, str(file), force), file.with_suffix(".toml"), None, None, True

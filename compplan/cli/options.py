@@ -122,24 +122,19 @@ robot_instead = robot_option(
 )
 
 
-def split_numbers(text: str, count: int) -> list[float]:
-    """Read `count` numbers separated by commas."""
-    numbers = [float(word) for word in text.split(",")]
-    if len(numbers) != count:
-        raise ValueError(f"{len(numbers)} numbers")
-    return numbers
-
-
 def split_names(text: str | None) -> tuple[str, ...]:
     """Read names separated by commas."""
     return tuple(name.strip() for name in (text or "").split(",") if name.strip())
 
 
 def _read_place(context: click.Context, option: click.Parameter, text: str | None) -> list[float] | None:
+    if text is None:
+        return None
     try:
-        return None if text is None else split_numbers(text, 3)
+        x, y, z = map(float, text.split(","))
     except ValueError:
         raise InputError(f"{option.opts[0]} is {text!r}, expected X,Y,Z in mm") from None
+    return [x, y, z]
 
 
 measured_options = add_options(

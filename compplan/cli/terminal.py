@@ -18,8 +18,8 @@ from typing import Any
 import click
 
 LOG = logging.getLogger(__name__)
-#: Keys of the click context's `meta` for these options.
-VERBOSE, QUIET = "compplan.verbose", "compplan.quiet"
+#: Key of the click context's `meta` for -q.
+QUIET = "compplan.quiet"
 
 
 def show(summary: Mapping[str, Any], as_json: bool, lines: Iterable[str]) -> None:
@@ -89,9 +89,8 @@ def _set_quiet(context: click.Context, parameter: click.Parameter, value: bool) 
 def _set_verbose(context: click.Context, parameter: click.Parameter, value: int) -> None:
     if not value:
         return
-    context.meta[VERBOSE] = max(value, context.meta.get(VERBOSE, 0))
     logger = logging.getLogger("compplan")
-    level = logging.INFO if context.meta[VERBOSE] == 1 else logging.DEBUG
+    level = logging.INFO if value == 1 else logging.DEBUG
     if logger.level:  # given before the command and after it
         level = min(level, logger.level)
     else:

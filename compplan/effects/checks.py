@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -113,10 +113,10 @@ def check_effect(table: Mapping[str, Any], robot: Robot, file: Path | None, wher
     """
     parameters = table["parameters"]
     for key, value in parameters.items():
-        for number in _numbers_of(value):
-            if not math.isfinite(number):
-                at = f"{where}.parameters.{key}"
-                raise InputError(f"is {value!r}, expected a finite number", file=file, where=at)
+        numbers = value if isinstance(value, list) else [value]
+        if any(isinstance(number, float) and not math.isfinite(number) for number in numbers):
+            at = f"{where}.parameters.{key}"
+            raise InputError(f"is {value!r}, expected a finite number", file=file, where=at)
     name = str(table["effect"])
     rule: Rule | None = RULES.get(name) or getattr(EFFECTS.get(name), "rule", None)
     if rule is None:
@@ -219,8 +219,3 @@ def _check_lengths(parameters: Mapping[str, Any], rule: Rule, robot: Robot, file
         }
         if len(lengths) > 1 or -1 in lengths or count not in (None, *lengths):
             raise InputError(f"{', '.join(keys)}: expected {wanted}", file=file, where=where)
-
-
-def _numbers_of(value: Any) -> Sequence[float]:
-    values = value if isinstance(value, list) else [value]
-    return [number for number in values if isinstance(number, float)]

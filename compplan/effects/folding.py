@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from compplan.effects.forward_model import own_springs
 from compplan.robot import Array, Body, Joint, Robot, Spring
@@ -37,15 +36,6 @@ def shift_zero(robot: Robot, joint: str, offset: float) -> Robot:
 def _shift_own(robot: Robot, joint: str, offset: float) -> Robot:
     old = find_joint(robot, joint)
     return change_joint(robot, joint, placement=old.placement @ move_joint(old, offset))
-
-
-def shift_origin(robot: Robot, joint: str, step: Array) -> Robot:
-    """Shift, then turn a joint's origin in the axes of its parent link by a step. Shape (6,). [m, rad]"""
-    old = find_joint(robot, joint)
-    placement = old.placement.copy()
-    placement[:3, 3] = placement[:3, 3] + step[:3]
-    placement[:3, :3] = Rotation.from_rotvec(step[3:]).as_matrix() @ placement[:3, :3]
-    return change_joint(robot, joint, placement=placement)
 
 
 def add_own_compliance(robot: Robot, joint: str, change: float) -> Robot:

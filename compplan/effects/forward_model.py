@@ -20,6 +20,7 @@ from compplan.measurement.campaign import Campaign
 from compplan.measurement.registration import Registration
 from compplan.robot import Array, Robot
 from compplan.robot.mounting import find_hand, mounted_tool
+from compplan.robot.springs import own_sign
 from compplan.statics.chain import Chain, Frames, build_chain, locate_gravity
 from compplan.statics.elastic import solve_equilibrium
 
@@ -149,7 +150,12 @@ def compute_model_loads(model: ForwardModel, springs: dict[int, OwnSpring], chai
     """Return the inputs of the equilibrium of a model, without laws and payload."""
     chain = model_chain(model, chain)
     drive = np.where(model.campaign.link_controlled[:, None], 0.0, model.drive)
-    return Load(chain, np.nan_to_num(model.campaign.q) + drive + model.zero, drive, _spring_load(model, chain, springs))
+    bias: Array | None = None
+    if model.joint_load.any():
+        bias = np.zeros((len(model.campaign), chain.n_springs))
+        for index, spring in springs.items():
+            bias[:, spring.coordinate] = spring.sign * model.joint_load[:, index]
+    return Load(chain, np.nan_to_num(model.campaign.q) + drive + model.zero, drive, bias)
 
 
 def _observe(
@@ -180,7 +186,10 @@ def see_target(model: ForwardModel, frames: Frames, wrench: Array) -> tuple[Arra
         position = position + np.einsum("nij,nj->ni", rotation, tool[:, :3, 3])
         rotation = rotation @ tool[:, :3, :3]
     target = position
-    twist = model.base_twist + _tilt(model, frames, wrench)
+    twist = model.base_twist
+    if model.tilt.any():
+        tilt = model.tilt * base_moment(frames, build_chain(model.robot), wrench)
+        twist = twist + np.hstack([np.zeros((len(tilt), 3)), tilt])
     turn = Rotation.from_rotvec(twist[:, 3:]).as_matrix()
     position = np.einsum("nij,nj->ni", turn, position) + twist[:, :3]
     rotation = turn @ rotation
@@ -230,21 +239,11 @@ def own_springs(robot: Robot) -> dict[int, OwnSpring]:
         joint = joints[spring.joint]
         if not joint.actuated:
             continue
-        sign = own_sign(joint.axis, spring.axis, joint.kind == "prismatic")
+        sign = own_sign(joint, spring.axis)
         index = robot.joint_names.index(joint.name)
         if sign and index not in found and not np.any(spring.offset):
             found[index] = OwnSpring(index, coordinate, number, sign, spring.compliance, spring.actuator)
     return found
-
-
-def own_sign(joint_axis: Array, axis: str, slides: bool) -> float:
-    """Return 1 or -1 if a spring axis is parallel to the joint axis and of its kind, otherwise 0."""
-    if axis == "own":
-        return 1.0
-    if slides != axis.startswith("t"):
-        return 0.0
-    cosine = float(joint_axis["xyz".index(axis[1])])
-    return float(np.sign(cosine)) if abs(cosine) > 1 - 1e-6 else 0.0
 
 
 def spring_coordinates(robot: Robot) -> list[int]:
@@ -290,13 +289,6 @@ def base_moment(frames: Frames, chain: Chain, wrench: Array) -> Array:
     return np.asarray(moment)
 
 
-def _tilt(model: ForwardModel, frames: Frames, wrench: Array) -> Array:
-    twist = np.zeros((len(wrench), 6))
-    if model.tilt.any():
-        twist[:, 3:] = model.tilt * base_moment(frames, build_chain(model.robot), wrench)
-    return twist
-
-
 def _bend(model: ForwardModel, springs: dict[int, OwnSpring], torque: Array) -> Array:
     """Return the loads equivalent to the nonlinear part of the spring laws. Shape (n, s)."""
     bent = np.zeros_like(torque)
@@ -306,12 +298,3 @@ def _bend(model: ForwardModel, springs: dict[int, OwnSpring], torque: Array) -> 
             k = spring.coordinate
             bent[:, k] += spring.sign * law(spring.sign * torque[:, k]) / spring.compliance
     return bent
-
-
-def _spring_load(model: ForwardModel, chain: Chain, springs: dict[int, OwnSpring]) -> Array | None:
-    if not model.joint_load.any():
-        return None
-    bias = np.zeros((len(model.campaign), chain.n_springs))
-    for index, spring in springs.items():
-        bias[:, spring.coordinate] = spring.sign * model.joint_load[:, index]
-    return bias

@@ -24,7 +24,7 @@ from compplan.effects.forward_model import (
 )
 from compplan.measurement.campaign import Campaign
 from compplan.robot import Array, Robot, Spring
-from compplan.statics.chain import Chain, Frames, build_chain, load_elements, locate_frames, locate_gravity
+from compplan.statics.chain import build_chain, load_elements, locate_frames, locate_gravity
 
 Place = tuple[str, str | None, str | None]
 AXES = ("tx", "ty", "tz", "rx", "ry", "rz")
@@ -161,7 +161,8 @@ def linearize_model(
 ) -> Linearization:
     """Compute Jacobians and loads of a solved model; current: parameters of its effects by name, joint and axis."""
     robot = model.robot
-    probed = replace(robot, springs=(*robot.springs, *_probes(robot)))
+    probes = [Spring(joint.name, axis, 0.0) for joint in robot.joints for axis in AXES]
+    probed = replace(robot, springs=(*robot.springs, *probes))
     chain = build_chain(probed)
     coordinates = spring_coordinates(probed)
     theta = np.zeros((len(attained.q), chain.n_springs))
@@ -172,6 +173,8 @@ def linearize_model(
         chain = replace(chain, position=chain.position * (1.0 + model.growth)[:, segment, None])
     frames = locate_frames(chain, attained.q, theta)
     load = load_elements(chain, frames, attained.wrench)
+    force = attained.wrench[:, :3] + chain.mass.sum() * locate_gravity(chain, frames)
+    base_load = np.concatenate([force, base_moment(frames, chain, attained.wrench)], axis=1)
     elements, picked = {}, []
     for number, spring in enumerate(probed.springs[len(robot.springs) :]):
         elements[spring.joint, spring.axis] = number
@@ -192,7 +195,7 @@ def linearize_model(
         elements=elements,
         axis=np.concatenate([axis, eye], axis=1),
         origin=np.concatenate([origin, np.zeros((n, 6, 3))], axis=1),
-        load=np.concatenate([load[:, picked], _base_load(chain, frames, attained.wrench)], axis=1),
+        load=np.concatenate([load[:, picked], base_load], axis=1),
         own=own_springs(robot),
         current=current or {},
     )
@@ -224,10 +227,6 @@ def _with_mimics(attained: Attained, motion: Array) -> Array:
     return total
 
 
-def _probes(robot: Robot) -> list[Spring]:
-    return [Spring(joint.name, axis, 0.0) for joint in robot.joints for axis in AXES]
-
-
 def _shared_coordinates(robot: Robot) -> list[tuple[int, int]]:
     """Match the elastic coordinates of a robot with those of the robot with probe springs."""
     pairs, old, new = [], 0, 0
@@ -239,10 +238,3 @@ def _shared_coordinates(robot: Robot) -> list[tuple[int, int]]:
             pairs += [(old + k, new + k) for k in range(count)]
             old, new = old + count, new + count + following
     return pairs
-
-
-def _base_load(chain: Chain, frames: Frames, wrench: Array) -> Array:
-    """Return the loads on the base frame: force along and moment about its axes. Shape (n, 6). [N, N m]."""
-    moment = base_moment(frames, chain, wrench)
-    force = wrench[:, :3] + chain.mass.sum() * locate_gravity(chain, frames)
-    return np.concatenate([force, moment], axis=1)

@@ -7,10 +7,10 @@ from collections.abc import Iterable
 import numpy as np
 
 from compplan.effects.folding import add_compliance, find_joint
-from compplan.effects.forward_model import own_sign
 from compplan.effects.linearization import AXES, Linearization
 from compplan.effects.signature import Effect, Signature
 from compplan.robot import Robot
+from compplan.robot.springs import own_sign
 
 name = "link_compliance"
 words = "the link behind {at} bends where the model holds it rigid"
@@ -25,7 +25,7 @@ def signatures(at: Linearization) -> Iterable[Signature]:
     """Return every loaded axis of every moving link except the joint axis."""
     for joint in at.robot.actuated:
         for axis in AXES:
-            if own_sign(joint.axis, axis, joint.kind == "prismatic"):
+            if own_sign(joint, axis):
                 continue
             load = at.joint_load(joint.name, axis)
             if not np.any(np.abs(load) > 1e-9):

@@ -6,8 +6,9 @@ from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
-from compplan.effects.folding import shift_origin
+from compplan.effects.folding import change_joint, find_joint
 from compplan.effects.linearization import AXES, Linearization
 from compplan.effects.signature import Effect, Signature
 from compplan.robot import Joint, Robot
@@ -43,6 +44,9 @@ def _own(joint: Joint, axis: str) -> bool:
 
 
 def fold(robot: Robot, effect: Effect) -> Robot:
-    """Write the step into the joint's origin."""
+    """Write the step into the joint's origin: a shift, then a turn, in the axes of its parent link."""
     step = np.array([float(effect.parameters.get(f"{axis}_{UNIT[axis[0]]}", 0.0)) for axis in AXES])
-    return shift_origin(robot, str(effect.joint), step)
+    placement = find_joint(robot, effect.joint).placement.copy()
+    placement[:3, 3] += step[:3]
+    placement[:3, :3] = Rotation.from_rotvec(step[3:]).as_matrix() @ placement[:3, :3]
+    return change_joint(robot, str(effect.joint), placement=placement)

@@ -34,14 +34,7 @@ def signatures(at: Linearization) -> Iterable[Signature]:
 
 def carried_payload(robot: Robot) -> Array:
     """Return mass and first moments of the modelled load on the flange. Shape (4,). [kg, kg m]"""
-    placed = {robot.flange: np.eye(4)}
-    for joint in robot.joints:
-        if joint.parent in placed:
-            placed[joint.child] = placed[joint.parent] @ joint.placement
-    parts = [
-        body.mass * np.append(1.0, (placed[body.link] @ np.append(body.centre, 1.0))[:3])
-        for body in robot.bodies if body.link in placed
-    ]  # fmt: skip
+    parts = [body.mass * np.append(1.0, body.centre) for body in robot.bodies_on_flange()]
     return np.sum([np.zeros(4), *parts], axis=0)
 
 

@@ -82,17 +82,12 @@ def apply(model: ForwardModel, effect: Effect) -> ForwardModel:
     elif campaign.temperature is None:
         return model
     else:
-        course, key = _since_reference(campaign, float(values["reference_temperature_C"])), "growth_per_K"
+        change = campaign.reference_temperature - float(values["reference_temperature_C"])
+        course = np.zeros(len(campaign)) if campaign.warming is None else campaign.warming + change
+        key = "growth_per_K"
     sizes = np.zeros(model.growth.shape[1])
     if key in values:
         sizes = sizes + float(values[key])
     if f"segment_{key}" in values:
         sizes = sizes + np.array(values[f"segment_{key}"], float)
     return replace(model, growth=model.growth + course[:, None] * sizes)
-
-
-def _since_reference(campaign: Campaign, reference: float) -> Array:
-    warming = campaign.warming
-    if warming is None:
-        return np.zeros(len(campaign))
-    return np.asarray(warming + campaign.reference_temperature - reference)

@@ -71,8 +71,11 @@ def waves_at(at: Linearization, index: int, cycles: Sequence[float], tried: int 
     fixed = {"cycles_per_m" if slides else "cycles_per_turn": [float(c) for c in cycles]}
     label = "waves " + " ".join(f"{c:.4g}" for c in cycles)
     columns = tuple(f"{cycle:.6g} {part}" for cycle in cycles for part in ("sine", "cosine"))
-    signature = _signature(at, index, label, keys, shape, fixed)
-    return replace(signature, tried=tried, columns=columns)
+    twist, encoder = at.joint_response(index, shape * ~at.campaign.link_controlled[:, None])
+    scale = np.full(len(keys), SCALE[joint.kind])
+    return Signature(
+        name, joint.name, None, label, keys, scale, twist, encoder, fixed, tried=tried, columns=columns
+    )  # fmt: skip
 
 
 def periods_seen(cycles: float | Array, spread: float, slides: bool) -> Array:
@@ -88,24 +91,10 @@ def series_at(at: Linearization, index: int, cycle: float, tried: int = 1) -> Si
     return replace(plain, form=f"series {cycle:.4g}", scale=scale, columns=columns)
 
 
-def bump(angle: Array, centre: float | Array, width: float) -> Array:
-    """Return a bell curve of height one around an angle; arrays broadcast."""
-    return np.asarray(np.exp(-0.5 * ((angle - centre) / width) ** 2))
-
-
 def spline_basis(angle: Array, knots: Array) -> Array:
     """Return cubic B-splines on the knots, zero beyond them. Shape (n, knots - 4)."""
     basis = BSpline.design_matrix(np.clip(angle, knots[3], np.nextafter(knots[-4], -np.inf)), knots, 3).toarray()
     return np.asarray(np.where((angle[:, None] >= knots[3]) & (angle[:, None] <= knots[-4]), basis, 0.0))
-
-
-def _signature(
-    at: Linearization, index: int, form: str, keys: tuple[str, ...], shape: Array, fixed: dict[str, list[float]]
-) -> Signature:
-    joint = at.robot.actuated[index]
-    shape = shape * ~at.campaign.link_controlled[:, None]
-    twist, encoder = at.joint_response(index, shape)
-    return Signature(name, joint.name, None, form, keys, np.full(len(keys), SCALE[joint.kind]), twist, encoder, fixed)
 
 
 def error_at(effect: Effect, angle: Array) -> Array:
@@ -117,7 +106,8 @@ def error_at(effect: Effect, angle: Array) -> Array:
             weights = np.column_stack([values[f"sine_{unit}"], values[f"cosine_{unit}"]]).reshape(-1)
             total = total + shape @ weights
         for k, height in enumerate(values.get(f"height_{unit}", [])):
-            total = total + float(height) * bump(angle, values[f"centre_{unit}"][k], values[f"width_{unit}"][k])
+            away = (angle - values[f"centre_{unit}"][k]) / values[f"width_{unit}"][k]
+            total = total + float(height) * np.exp(-0.5 * away**2)
         if f"spline_{unit}" in values:
             shape = spline_basis(angle, np.array(values[f"knots_{unit}"], float))
             total = total + shape @ np.array(values[f"spline_{unit}"], float)

@@ -10,7 +10,6 @@ import numpy as np
 from compplan.effects.forward_model import ForwardModel
 from compplan.effects.linearization import Linearization
 from compplan.effects.signature import Effect, Signature
-from compplan.robot import Array
 from compplan.statics.chain import build_chain, locate_frames
 
 name = "wrench_bias"
@@ -44,12 +43,8 @@ def signatures(at: Linearization) -> Iterable[Signature]:
 def apply(model: ForwardModel, effect: Effect) -> ForwardModel:
     """Subtract the offset from the sensor readings."""
     bias = np.array([float(effect.parameters.get(key, 0.0)) for key in KEYS])
-    return replace(model, wrench=model.wrench - _in_base_axes(model, bias, str(effect.parameters["axes"])))
-
-
-def _in_base_axes(model: ForwardModel, bias: Array, axes: str) -> Array:
-    if axes == "base":
-        return np.broadcast_to(bias, model.wrench.shape)
-    q = np.nan_to_num(model.campaign.q) + model.zero + model.drive
-    R = locate_frames(build_chain(model.robot), q).tcp_rotation
-    return np.concatenate([R @ bias[:3], R @ bias[3:]], axis=1)
+    if effect.parameters["axes"] == "sensor":
+        q = np.nan_to_num(model.campaign.q) + model.zero + model.drive
+        R = locate_frames(build_chain(model.robot), q).tcp_rotation
+        bias = np.concatenate([R @ bias[:3], R @ bias[3:]], axis=1)
+    return replace(model, wrench=model.wrench - bias)

@@ -17,7 +17,7 @@ from compplan.effects.forward_model import spring_coordinates
 from compplan.effects.signature import Signature
 from compplan.errors import UnknownNameError
 from compplan.robot import Array, Robot, Spring
-from compplan.robot.springs import is_own, label_spring, number_twins, spring_slides
+from compplan.robot.springs import is_own, label_spring, number_twins
 from compplan.statics.chain import Chain, build_chain
 
 #: Typical sizes by unit: scale for identifiability where the nominal value is zero (assumed from robots of the
@@ -129,10 +129,11 @@ def build_structure(
     for name in requested:
         if name not in present:
             raise UnknownNameError("spring", name, present)
-    free: list[Parameter] = []
+    free, sliding = list[Parameter](), {joint.name for joint in robot.joints if joint.kind == "prismatic"}
     for number, (name, spring) in enumerate(zip(present, elastic.springs, strict=True)):
         if name in requested:
-            unit = "m/N" if spring_slides(robot, spring) else "rad/(N m)"
+            slides = spring.axis.startswith("t") or (spring.axis == "own" and spring.joint in sliding)
+            unit = "m/N" if slides else "rad/(N m)"
             size = spring.compliance or TYPICAL_SIZE[unit]
             kind = "joint" if is_own(robot, spring) else "spring"
             free.append(Parameter(name, kind, unit, spring.compliance, size, spring=number))

@@ -18,14 +18,9 @@ def open_table(
     source: Any, columns: Sequence[FileColumn], *, what: str, rename: Callable[[str], str] | None = None
 ) -> Table:
     """Read a table from a file or from memory, noting unknown columns; see `read_table` and `take_table`."""
-    if is_file_name(source):
+    if isinstance(source, str | Path):
         return read_table(source, columns, unknown="note", rename=rename)
     return take_table(source, columns, what=what, unknown="note")
-
-
-def is_file_name(source: Any) -> bool:
-    """Return whether a value names a file."""
-    return isinstance(source, str | Path)
 
 
 def take_table(data: Any, columns: Sequence[FileColumn], *, what: str, unknown: str = "refuse") -> Table:

@@ -117,8 +117,6 @@ def check_table(model: type[Model], data: Mapping[str, Any], *, file: str | Path
         faults = error.errors()  # report a misspelt key, not the key that is missing because of it
         details = next((fault for fault in faults if fault["type"] == "extra_forbidden"), faults[0])
         keys, holder = _walk(details, model)
-        if details["type"] in ("union_tag_invalid", "union_tag_not_found"):
-            keys.append(str(details["ctx"]["discriminator"]).strip("'"))
         where = _join(keys, key)
         raise InputError(_say(details, holder, where), file=file, where=where or None) from None
 
@@ -156,29 +154,20 @@ def _walk(details: ErrorDetails, model: type[BaseModel]) -> tuple[list[str | int
     """Resolve the location of a fault in the models.
 
     Returns:
-        The keys without tags of tagged unions, and the model of the last key (or None).
+        The keys, and the model of the last key (or None).
 
     """
     keys: list[str | int] = []
     current: Any = model
     holder: Any = model
     for part in details["loc"]:
-        if isinstance(current, list):
-            current = next((entry for entry in current if str(part) in _tags(entry)), None)
-            continue
         keys.append(part)
         holder = current
         if isinstance(part, str):
             field = None if current is None else current.model_fields.get(part)
             found = [] if field is None else _models_in(field.annotation)
-            current = found[0] if len(found) == 1 else found or None
+            current = found[0] if len(found) == 1 else None
     return keys, holder
-
-
-def shorten_value(value: Any) -> str:
-    """Format a value for a message; the middle of a long one is left out."""
-    text = repr(value)
-    return text if len(text) <= 100 else f"{text[:50]}...{text[-25:]}"
 
 
 def _models_in(annotation: Any) -> list[Any]:
@@ -186,11 +175,6 @@ def _models_in(annotation: Any) -> list[Any]:
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return [annotation]
     return [model for argument in getattr(annotation, "__args__", ()) for model in _models_in(argument)]
-
-
-def _tags(model: type[BaseModel]) -> list[str]:
-    """Return the tags that select a model of a union."""
-    return [word for field in model.model_fields.values() for word in getattr(field.annotation, "__args__", ())]
 
 
 def _join(keys: list[str | int], prefix: str) -> str:
@@ -202,7 +186,8 @@ def _join(keys: list[str | int], prefix: str) -> str:
 
 def _say(details: ErrorDetails, holder: Any, where: str) -> str:
     """Return the message of one fault."""
-    kind, given, context = details["type"], shorten_value(details.get("input")), details.get("ctx", {})
+    kind, given, context = details["type"], repr(details.get("input")), details.get("ctx", {})
+    given = given if len(given) <= 100 else f"{given[:50]}...{given[-25:]}"
     if kind == "extra_forbidden":
         if holder is None:
             return "unknown key"
@@ -212,10 +197,8 @@ def _say(details: ErrorDetails, holder: Any, where: str) -> str:
             return f"unknown key; did you mean {where.removesuffix(key)}{' or '.join(nested)}?"
         names = [field.alias or name for name, field in tables]
         return f"unknown key, choose from {list(dict.fromkeys(find_near(key, names) + names))}"
-    if kind in ("missing", "union_tag_not_found"):
+    if kind == "missing":
         return "missing number" if isinstance(details["loc"][-1], int) else "missing key"
-    if kind == "union_tag_invalid":
-        return f"is {context.get('tag')!r}, choose from {context.get('expected_tags')}"
     if kind == "model_type":
         return f"is {given}, must be a table of keys; give one of them, such as {where}.KEY = VALUE"
     if kind == "literal_error":

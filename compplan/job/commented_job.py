@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from textwrap import wrap
@@ -60,12 +59,11 @@ def write_job_text(**answers: Any) -> str:
     }  # fmt: skip
     made = Environment(undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True)
     template = made.from_string(TEXT.read_text(encoding="utf-8"))
-    return template.render({**DEFAULTS, **names, **answers, "keyed": _write_key})
 
+    def write_key(key: str, value: Any) -> str:  # padded to the column of its comment
+        return f"{key} = {json.dumps(value, ensure_ascii=False)}".ljust(35)
 
-def _write_key(key: str, value: Any) -> str:
-    """Return the line of a key, padded to the column of its comment."""
-    return f"{f'{key} = {json.dumps(value, ensure_ascii=False)}':<35}"
+    return template.render({**DEFAULTS, **names, **answers, "keyed": write_key})
 
 
 def describe_mount(robot: Robot, *, used: bool) -> dict[str, Any]:
@@ -88,13 +86,6 @@ def describe_mount(robot: Robot, *, used: bool) -> dict[str, Any]:
         "straight": f"{axis} leaves this robot; length and mass are assumed: put yours",
         **{key: [round(number, 3) + 0.0 for number in value.tolist()] for key, value in vectors.items()},
     }  # fmt: skip
-
-
-def describe_tools(tools: Sequence[CalledTool]) -> dict[str, Any]:
-    """Return the template fields of the tools of a CAM file: several in [[tool]], a single one in [process]."""
-    if len(tools) != 1:
-        return {"tools": tools}
-    return {"model": "", "cut": tools[0].cut} if tools[0].drills else tools[0].cut
 
 
 def shorten_job(text: str) -> str:

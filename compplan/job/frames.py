@@ -190,10 +190,6 @@ class ToolTable(PoseTable):
             raise InputError(f"{message}; {cure}", where="tool.frame")
         return found.pose
 
-    def locate_tcp(self, robot: Robot) -> Array:
-        """Return the pose of the TCP frame in the URDF's flange frame. Shape (4, 4) [m]."""
-        return np.asarray(self.locate_frame(robot) @ self.pose)
-
     def mount(self, robot: Robot) -> Robot:
         """Return a robot with this tool in place of its folder's; an unstated mass is zero."""
         frame = self.locate_frame(robot)

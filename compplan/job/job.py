@@ -8,13 +8,13 @@ from __future__ import annotations
 import json
 import re
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Union
 
 import numpy as np
-from pydantic import AfterValidator, BeforeValidator, Field, PrivateAttr, field_validator
+from pydantic import AfterValidator, BeforeValidator, Field, PrivateAttr, SerializeAsAny, TypeAdapter, field_validator
 
 from compplan.errors import InputError
 from compplan.io.provenance import note_input
@@ -26,11 +26,13 @@ from compplan.job.noise import NoiseTable
 from compplan.job.output import OutputTable
 from compplan.job.profile import apply_profile
 from compplan.job.tools import NumberedTool, ToolsTable, check_tools
-from compplan.process.force_law import Process, turns_with_travel
+from compplan.process.force_law import turns_with_travel
+from compplan.process.force_models import FORCE_MODELS
 from compplan.process.force_models.columns import ColumnsProcess
 from compplan.process.learned_force import LearnedForce
 from compplan.robot import Robot
 from compplan.robot.folder import find_robot_folder
+from compplan.toolpath.contact import ForceTable
 from compplan.toolpath.generators import GENERATORS, CircleTable, ConeTable, SpiralTable
 from compplan.toolpath.readers import list_suffixes
 from compplan.toolpath.readers.options import CamTable
@@ -188,7 +190,7 @@ class Job(StrictTable):
     positioner: PositionerTable = PositionerTable.model_construct()
     tool: ToolTable | None = None
     tool_table: ToolsTable | None = Field(default=None, alias="tools")
-    process: Process = ColumnsProcess.model_construct()
+    process: SerializeAsAny[ForceTable] = ColumnsProcess.model_construct()
     plan: PlanTable = PlanTable.model_construct()
     tolerance: ToleranceTable = ToleranceTable.model_construct()
     output: OutputTable = OutputTable.model_construct()
@@ -282,15 +284,15 @@ def check_job(
             raise InputError("is given beside [tools], expected one of them", file=file, where="tool")
         tools = check_tools(data["tool"], file)
         data = {key: value for key, value in data.items() if key != "tool"}
-    table = data.get("toolpath")
+    table, process = data.get("toolpath"), data.get("process")
     if isinstance(table, dict):
-        kind = table.get("generator")
-        if not isinstance(kind, str) or kind not in GENERATORS:
-            fault = "missing key" if kind is None else f"is {kind!r}"
-            raise InputError(f"{fault}, choose from {list(GENERATORS)}", file=file, where="toolpath.generator")
+        kind = _choose(table, "toolpath.generator", GENERATORS, file)
         data["toolpath"] = check_table(GENERATORS[kind], table, file=file, key="toolpath")
     elif table is not None and not isinstance(table, str):
         raise InputError(f"is {table!r}, must be a file name or a table with a generator", file=file, where="toolpath")
+    if isinstance(process, dict):
+        model = _choose(process, "process.model", FORCE_MODELS, file)
+        data["process"] = check_table(FORCE_MODELS[model].table, process, file=file, key="process")
     job = check_table(Job, data, file=file)
     level = getattr(job.process, "uncertainty", None)
     if level is not None and "wrench_level" not in job.noise.model_fields_set:
@@ -298,6 +300,15 @@ def check_job(
         noise.model_fields_set.discard("wrench_level")  # set by the model, not by the job
         job = job.model_copy(update={"noise": noise})
     return job.with_context(file=Path(file), given=toolpath, mounted=robot, tools=tools, data=plain)
+
+
+def _choose(table: dict[str, Any], where: str, names: Collection[str], file: str | Path) -> str:
+    """Return the name that a table gives for its kind, at a dotted key; refuse a missing or an unknown one."""
+    name = table.get(where.rpartition(".")[2])
+    if not isinstance(name, str) or name not in names:
+        fault = "missing key" if name is None else f"is {name!r}"
+        raise InputError(f"{fault}, choose from {list(names)}", file=file, where=where)
+    return name
 
 
 def _refuse_removed(data: dict[str, Any], file: str | Path) -> None:
@@ -374,17 +385,18 @@ def _change_key(data: dict[str, Any], change: str) -> str:
     return key
 
 
-def describe_schema() -> dict[str, Any]:
-    """Return the JSON schema of a job file."""
+def write_schema() -> str:
+    """Return the JSON schema of a job file as text."""
     schema = Job.model_json_schema(by_alias=True)
     tables = schema["$defs"]
+    models = Annotated[Union[tuple(model.table for model in FORCE_MODELS.values())], Field(discriminator="model")]  # type: ignore[valid-type]  # noqa: UP007
+    union, process = TypeAdapter(models).json_schema(by_alias=True), schema["properties"]["process"]
+    schema["$defs"] = tables = {**tables, **union.pop("$defs")}
+    schema["properties"]["process"] = {"default": process["default"], **union, "title": "Process"}
+    del tables["ForceTable"]
     wanted = tables["PlanTable"]["properties"]["configuration"]
     tables["PlanTable"]["properties"]["configuration"] = {
         "anyOf": [{"const": "auto"}, {"$ref": wanted["$ref"]}], "default": "auto"
     }  # fmt: skip
-    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema, "title": "compplan job"}
-
-
-def write_schema() -> str:
-    """Return the schema as text."""
-    return json.dumps(describe_schema(), indent=2)
+    head = {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema, "title": "compplan job"}
+    return json.dumps(head, indent=2)

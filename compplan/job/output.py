@@ -31,7 +31,7 @@ class OutputTable(StrictTable):
     templates: dict[Annotated[str, OneOf(WRITERS)], Annotated[str, Field(min_length=1)]] = Field(default_factory=dict)
     main: Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]{0,30}$")] | None = None
     cell: CellTable = CellTable.model_construct()
-    io: Wiring = Wiring()
+    io: Wiring = Wiring.model_construct()
 
     def bound_fit(self, tolerance: float) -> float:
         """Return the allowed distance of written moves from the tip. [m]

@@ -47,7 +47,7 @@ def describe_spindle(nominal: Toolpath, job: Job) -> str:
 def check_tool(job: Job, robot: Robot) -> list[str]:
     """Question a sideways tool without a mesh, a very long one, or an unconfirmed pendant frame."""
     assert job.tool is not None
-    pose, out = job.tool.locate_tcp(robot), outward_axis(robot)
+    pose, out = job.tool.locate_frame(robot) @ job.tool.pose, outward_axis(robot)
     length, notes = float(np.linalg.norm(pose[:3, 3])), list[str]()
     pendant = locate_pendant(robot) if job.tool.frame == "pendant" else None
     if pendant is not None and not pendant.confirmed:

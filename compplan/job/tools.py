@@ -137,17 +137,13 @@ def fill_process(common: Mapping[str, Any], described: Described, speed: float |
             model = {"drill": "drill", "mill": "end_mill"}.get(cutter["kind"], before)
         own = {"model": model, **{key: cutter[key] for key in CUTTERS[model] if key in cutter}}
     model = str(own.get("model", before))
-    known = model_keys(model)
-    kept = {key: value for key, value in common.items() if model == before or known is None or key in known}
+    alike = model == before or model not in FORCE_MODELS  # an unknown model is refused later
+    known = common if alike else FORCE_MODELS[model].table.model_fields
+    kept = {key: value for key, value in common.items() if key in known}
     laid = {**kept, **own}
     if model in SPINNING and "spindle_rpm" not in own and speed is not None:
         laid["spindle_rpm"] = speed
     return laid
-
-
-def model_keys(model: str) -> set[str] | None:
-    """Return the keys of a force model, or None for an unknown one."""
-    return set(FORCE_MODELS[model].table.model_fields) if model in FORCE_MODELS else None
 
 
 def called_speed(operation: Operation) -> float | None:

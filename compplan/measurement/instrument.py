@@ -61,7 +61,7 @@ class InstrumentFile(StrictTable):
     """instrument.toml."""
 
     schema_: SchemaOne = Field(alias="schema")
-    instrument: InstrumentTable = InstrumentTable()
+    instrument: InstrumentTable = InstrumentTable.model_construct()
     distance: Annotated[tuple[DistanceTable, ...], Field(strict=False)] = ()
 
 

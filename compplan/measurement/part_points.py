@@ -14,7 +14,7 @@ from scipy.spatial import cKDTree
 
 from compplan.errors import InputError
 from compplan.io.columns import FileColumn
-from compplan.io.in_memory import is_file_name, open_table
+from compplan.io.in_memory import open_table
 from compplan.io.meshes import MESHES, UNITS, is_scan, open_mesh, read_numbers
 from compplan.io.parsing import LEAST_SIGMA, LEAST_SIGMA_MM
 from compplan.io.tables import Table, read_text
@@ -45,7 +45,7 @@ def read_measured_points(source: Any) -> Table:
     Raises:
         InputError: If the file is not such a table.
     """
-    if is_file_name(source) and is_scan(Path(source)):
+    if isinstance(source, str | Path) and is_scan(Path(source)):
         return read_scan(Path(source))
     columns = [FileColumn(axis, "length", group="position") for axis in "xyz"]
     columns += [FileColumn("s", "length"), FileColumn("sigma", "length", missing=True), FileColumn("reading", "length")]

@@ -23,7 +23,7 @@ from scipy.spatial.transform import Rotation
 
 from compplan.errors import InputError
 from compplan.io.columns import FileColumn
-from compplan.io.in_memory import is_file_name, open_table
+from compplan.io.in_memory import open_table
 from compplan.io.meshes import is_scan
 from compplan.io.tables import Table
 from compplan.measurement.campaign import MODES, WRENCH, Campaign
@@ -93,7 +93,7 @@ def read_campaign(source: Any, robot: Robot, instrument: InstrumentFile | None =
     try:
         table = open_table(source, log_columns(robot), what="measurements", rename=rename_title)
     except InputError:
-        if is_file_name(source) and Path(source).is_file() and is_scan(Path(source)):
+        if isinstance(source, str | Path) and Path(source).is_file() and is_scan(Path(source)):
             said = "is a scan: it measures a part and has no joints, expected a log of poses"
             raise InputError(f"{said}; compplan learn takes scans", file=Path(source)) from None
         raise
@@ -128,7 +128,7 @@ def read_campaign(source: Any, robot: Robot, instrument: InstrumentFile | None =
         target=target,
         target_names=names,
         mode=_modes(table),
-        file=Path(source) if is_file_name(source) else None,
+        file=Path(source) if isinstance(source, str | Path) else None,
         lines=table.lines,
         observations=None if sighted is None else sighted.observations,
     )

@@ -4,15 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Union
 
 import numpy as np
-from pydantic import Field
 
 from compplan.errors import InputError, ShapeError
 from compplan.io.tables import Array
 from compplan.process.cutting import CuttingForce, CuttingTable
-from compplan.process.force_models import FORCE_MODELS
 from compplan.process.force_models.columns import ColumnsProcess
 from compplan.process.force_models.constant import ConstantProcess
 from compplan.process.force_models.file import FileProcess, read_wrench
@@ -35,17 +32,12 @@ STOCK_ROOM = 1e-5
 #: Distance of the stock's top from z = 0 of a CAM program below which no note is written; an allowance is common. [m]
 ALLOWANCE = 5e-4
 
-if TYPE_CHECKING:
-    Process = ForceTable
-else:
-    Process = Annotated[Union[tuple(model.table for model in FORCE_MODELS.values())], Field(discriminator="model")]  # noqa: UP007
-
 
 @dataclass(frozen=True)
 class ForceLaw:
     """Wrench of the process on the tool, for a plan that subdivides the path and changes its feed."""
 
-    process: Process  #: The model and its parameters.
+    process: ForceTable  #: The model and its parameters.
     #: Pose of the part frame in the base frame. Shape (4, 4). [m]
     T_base_part: Array = field(default_factory=lambda: np.eye(4))
     #: Direction of the TCP frame's x, base axes. Shape (3,).
@@ -138,7 +130,7 @@ class ForceLaw:
         return tuple(self.process.describe(nominal)) if isinstance(self.process, PathForceTable) else ()
 
 
-def read_stock_top(process: Process, toolpath: Toolpath, *, from_cam: bool) -> tuple[float | None, str]:
+def read_stock_top(process: ForceTable, toolpath: Toolpath, *, from_cam: bool) -> tuple[float | None, str]:
     """Return the height of the stock's top: from the job, or z = 0 of a CAM program that moves above and below it.
 
     Returns:
@@ -171,7 +163,7 @@ def _crosses_zero(toolpath: Toolpath) -> bool:
     return bool(len(height) and height.min() < -STOCK_ROOM and height.max() > STOCK_ROOM)
 
 
-def turns_with_travel(process: Process) -> bool:
+def turns_with_travel(process: ForceTable) -> bool:
     """Return whether the force of a process turns with the travel."""
     return not isinstance(process, ColumnsProcess) and getattr(process, "frame", "path") == "path"
 

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from compplan.identification import Estimate, build_structure, estimate_parameters
@@ -24,11 +25,14 @@ from compplan.reproduce.paper import (
 from compplan.robot import Array, Robot
 from compplan.statics.chain import Chain, build_chain, locate_frames
 from compplan.statics.elastic import solve_equilibrium
-from compplan.statics.quality import DexterityMap, Zone, find_characteristic_length, map_dexterity, mean_inside
+from compplan.statics.quality import find_characteristic_length, quality_of_poses
 from compplan.statics.stiffness import ComplementaryInfluence, complementary_influence
 
-#: Table I: theta_2 and theta_3 of the three zones. [deg]
-ZONES_DEG = {"Z1": ((0, 110), (-245, -170)), "Z2": ((0, 25), (0, 29)), "Z3": ((100, 146), (0, 29))}
+#: Table I: ranges of theta_2 and theta_3 of the three zones. Shape (2, 2) each. [rad]
+ZONES = {
+    name: np.radians(box)
+    for name, box in {"Z1": ((0, 110), (-245, -170)), "Z2": ((0, 25), (0, 29)), "Z3": ((100, 146), (0, 29))}.items()
+}
 #: Table II: errors of the joint stiffnesses, joint 1 not determined. [%]
 ERRORS_PERCENT = (None, 8.0, 9.0, 2.0, 2.0, 5.0)
 TESTS, REPEATS = 23, 60
@@ -40,6 +44,24 @@ SIMULATION = (
 )
 MASS_KG = 240.0
 WRIST = "wrist joints at 45 deg, joint 1 at zero (stated); characteristic length optimised (not stated)"
+
+
+@dataclass(frozen=True)
+class DexterityMap:
+    """Inverse condition number over joints two and three, wrist at 45 deg."""
+
+    q: Array  #: Joint positions. Shape (b, a, 6). [rad]
+    inverse_condition: Array  #: 1/kappa_F. Shape (b, a).
+    length: float  #: Characteristic length. [m]
+
+    @property
+    def joints(self) -> dict[str, Array]:
+        """Positions of both joints. Shapes (a,) and (b,). [rad]"""
+        return {"theta_2": self.q[0, :, 1], "theta_3": self.q[:, 0, 2]}
+
+    def find_inside(self, box: Array) -> NDArray[np.bool_]:
+        """Return which positions lie in a zone. Shape (b, a)."""
+        return np.asarray(((self.q[..., 1:3] >= box[:, 0]) & (self.q[..., 1:3] <= box[:, 1])).all(axis=-1))
 
 
 @dataclass(frozen=True)
@@ -55,16 +77,15 @@ def reproduce(load: Callable[[str], Robot]) -> Reproduction:
     robot = load("kuka_kr240")
     chain = build_chain(robot)
     quality = map_quality(robot, chain)
-    zones = zones_of_table_1()
     weight = np.array([0.0, 0.0, -9.81 * MASS_KG, 0.0, 0.0, 0.0])
     influence = complementary_influence(chain, quality.q.reshape(-1, robot.nq), weight)
     spread = monte_carlo(robot)
     rows = [
-        *_rows_of_zones(robot, quality, zones),
+        *_rows_of_zones(robot, quality),
         *_rows_of_influence(influence),
         *_rows_of_identification(robot, spread),
     ]
-    inside, outside = mean_inside(quality, zones)
+    inside, outside = mean_inside(quality)
     return Reproduction(
         **describe_paper("dumas2011"),
         robots=(robot,),
@@ -74,36 +95,34 @@ def reproduce(load: Callable[[str], Robot]) -> Reproduction:
             "joint 1 cannot be determined under vertical loads, and the other errors have the right order."
         ),
         rows=tuple(rows),
-        figures=tuple(_figures(robot, quality, zones, influence)),
+        figures=tuple(_figures(robot, quality, influence)),
         samples={"stiffness": 1 / spread},
     )
 
 
-def zones_of_table_1() -> list[Zone]:
-    """List the zones of the paper in joints two and three."""
-    boxes = {name: np.radians(box) for name, box in ZONES_DEG.items()}
-    return [
-        Zone(name, (1, 2), (float(box[0, 0]), float(box[1, 0])), (float(box[0, 1]), float(box[1, 1])))
-        for name, box in boxes.items()
-    ]
+def mean_inside(quality: DexterityMap) -> tuple[dict[str, float], float]:
+    """Average the inverse condition number inside each zone, and outside all of them."""
+    inside = {name: quality.find_inside(box) for name, box in ZONES.items()}
+    outside = ~np.logical_or.reduce(list(inside.values()))
+    means = {name: float(quality.inverse_condition[mask].mean()) for name, mask in inside.items()}
+    return means, float(quality.inverse_condition[outside].mean())
 
 
 def map_quality(robot: Robot, chain: Chain) -> DexterityMap:
     """Compute the inverse condition number over joints two and three, wrist at 45 deg."""
-    q = np.radians([0.0, 0, 0, 45, 45, 45])
     sides = [np.linspace(robot.lower[j], robot.upper[j], count) for j, count in ((1, 147), (2, 275))]
-    coarse = map_dexterity(chain, q, (1, 2), sides[0][::6], sides[1][::6], 1.0)
-    length = find_characteristic_length(chain, coarse.q.reshape(-1, robot.nq))
-    return map_dexterity(chain, q, (1, 2), sides[0], sides[1], length)
+    q = np.tile(np.radians([0.0, 0, 0, 45, 45, 45]), (275, 147, 1))
+    q[..., 1], q[..., 2] = np.meshgrid(*sides)
+    length = find_characteristic_length(chain, q[::6, ::6].reshape(-1, robot.nq))
+    return DexterityMap(q, quality_of_poses(chain, q.reshape(-1, robot.nq), length).reshape(q.shape[:2]), length)
 
 
 def draw_tests(robot: Robot, count: int, rng: np.random.Generator, *, lever: float = LEVER_M) -> Tests:
     """Sample postures in the zones, and weights at a lever from the flange in random directions."""
-    zones = list(ZONES_DEG.values())
     q = np.empty((count, robot.nq))
-    picked = np.array(zones)[rng.integers(len(zones), size=count)]
+    picked = np.array(list(ZONES.values()))[rng.integers(len(ZONES), size=count)]
     q[:, 0] = rng.uniform(-np.pi / 2, np.pi / 2, count)
-    q[:, 1:3] = np.radians(rng.uniform(picked[:, :, 0], picked[:, :, 1]))
+    q[:, 1:3] = rng.uniform(picked[:, :, 0], picked[:, :, 1])
     q[:, 3:] = np.radians(rng.uniform(30, 150, (count, 3)) * rng.choice([-1, 1], (count, 3)))
     q = np.clip(q, robot.lower, robot.upper)
     force = np.zeros((count, 3))
@@ -142,17 +161,16 @@ def monte_carlo(robot: Robot, repeats: int = REPEATS, seed: int = 0) -> Array:
     return np.array([identify(robot, draw_tests(robot, TESTS, rng), rng).model_values for _ in range(repeats)])
 
 
-def _rows_of_zones(robot: Robot, quality: DexterityMap, zones: list[Zone]) -> list[Row]:
-    inside, outside = mean_inside(quality, zones)
+def _rows_of_zones(robot: Robot, quality: DexterityMap) -> list[Row]:
+    inside, outside = mean_inside(quality)
     rows = []
-    for zone in zones:
-        ratio = inside[zone.name] / outside
-        said = f"mean 1/kappa {inside[zone.name]:.3f} inside, {outside:.3f} outside all zones ({ratio:.2f} times)"
+    for name, mean in inside.items():
+        said = f"mean 1/kappa {mean:.3f} inside, {outside:.3f} outside all zones ({mean / outside:.2f} times)"
         rows.append(
-            statement(f"Table I: zone {zone.name} is dexterous", "light area of Fig. 2", said, ratio > 1.3, WRIST)
+            statement(f"Table I: zone {name} is dexterous", "light area of Fig. 2", said, mean > 1.3 * outside, WRIST)
         )
     best = quality.inverse_condition >= np.quantile(quality.inverse_condition, 0.75)
-    covered = np.logical_or.reduce([zone.contains(quality.q) for zone in zones])
+    covered = np.logical_or.reduce([quality.find_inside(box) for box in ZONES.values()])
     share = float((best & covered).sum() / best.sum())
     verdict = "trend only" if share > 0.5 else cannot("the threshold")
     rows.append(Row("Share of the most dexterous quarter that lies in the zones", "zones cover the light areas",
@@ -161,7 +179,7 @@ def _rows_of_zones(robot: Robot, quality: DexterityMap, zones: list[Zone]) -> li
     highest = float(quality.inverse_condition[row].max())
     rows.append(
         statement("Fig. 2: horizontal singular line, arm folded or stretched", "a line over all theta_2",
-                  f"theta_3 = {np.degrees(quality.second[row]):.0f} deg, 1/kappa at most {highest:.4f}",
+                  f"theta_3 = {np.degrees(quality.q[row, 0, 2]):.0f} deg, 1/kappa at most {highest:.4f}",
                   highest < 0.02, WRIST)
     )  # fmt: skip
     folded = robot.joints[3].placement[:3, 3]
@@ -212,22 +230,20 @@ def _rows_of_identification(robot: Robot, spread: Array) -> list[Row]:
     return rows
 
 
-def _figures(
-    robot: Robot, quality: DexterityMap, zones: list[Zone], influence: ComplementaryInfluence
-) -> list[PaperFigure]:
+def _figures(robot: Robot, quality: DexterityMap, influence: ComplementaryInfluence) -> list[PaperFigure]:
     rng, counts = np.random.default_rng(2), np.arange(2.0, TESTS + 1)
     tests = draw_tests(robot, TESTS, rng)
     found = np.array([
         1 / identify(robot, Tests(tests.q[: int(k)], tests.wrench[: int(k)]), np.random.default_rng(3)).model_values[1:]
         for k in counts
     ])  # fmt: skip
-    nu = replace(quality, inverse_condition=influence.nu_p.reshape(quality.inverse_condition.shape))
-    names = ("theta_2", "theta_3")
+    joints, nu_p = quality.joints, influence.nu_p.reshape(quality.inverse_condition.shape)
     lines = [(f"joint {j + 2}", counts, found[:, j], "-") for j in range(5)]
     return [
-        PaperFigure("Fig. 2b and Table I", draw_joint_map(quality, zones, names, "Inverse condition number 1/κ"),
+        PaperFigure("Fig. 2b and Table I",
+                    draw_joint_map(joints, quality.inverse_condition, ZONES, "Inverse condition number 1/κ"),
                     f"Wrist at 45 deg, characteristic length {quality.length:.2f} m. The boxes are the paper's zones."),
-        PaperFigure("Fig. 3a", draw_joint_map(nu, zones, names, "nu_p: share of the displacement that K_C changes",
+        PaperFigure("Fig. 3a", draw_joint_map(joints, nu_p, ZONES, "nu_p: share of the displacement that K_C changes",
                                             high_is_good=False),
                     f"Under a weight of {MASS_KG:.0f} kg at the flange; the paper's wrench is not stated."),
         PaperFigure("Fig. 5", draw_lines("Identified stiffness over the number of tests", "number of tests",

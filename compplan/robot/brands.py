@@ -180,8 +180,11 @@ def _propose_signs(proposal: ControllerProposal, arm: _Arm, brand: Brand, rail: 
     upper = arm.turn(arm.frame @ np.array(DIRECTIONS[brand.upper], float), arm.origin(3) - arm.origin(2))
     along = arm.axis(4) * np.sign(arm.axis(4) @ (arm.wrist - arm.origin(3)))
     lower = arm.turn(arm.frame @ np.array(DIRECTIONS[brand.forearm], float), along)
-    angles = [_round_angle(value) for value in (upper, lower - upper)]
-    zero = {2: angles[0], 3: angles[1]}  # axes 2 and 3 at q = 0, about the axis to the left [deg]
+    zero: dict[int, float] = {}  # axes 2 and 3 at q = 0, about the axis to the left, multiples of 90 [deg]
+    for k, angle in ((2, upper), (3, lower - upper)):
+        zero[k] = 90.0 * round(angle / 90.0)
+        if abs(angle - zero[k]) > ANGLE:
+            raise _NotDerivedError(f"an arm lies {angle:.3g} deg from the maker's zero posture at the URDF's zero")
     at_zero = {arm.arm[k - 1].name: -np.radians(zero[k]) * np.sign(arm.axis(k) @ arm.left) for k in (2, 3)}
     poses = arm.locate(at_zero)
     for k in range(1, 7):
@@ -248,14 +251,6 @@ def _propose_pendant(proposal: ControllerProposal, arm: _Arm, brand: Brand, rail
 
 def _are_parallel(one: Array, other: Array) -> bool:
     return abs(float(one @ other)) > np.cos(np.radians(ANGLE))
-
-
-def _round_angle(angle: float) -> float:
-    """Return an angle as a multiple of 90 degrees."""
-    nearest = 90.0 * round(angle / 90.0)
-    if abs(angle - nearest) > ANGLE:
-        raise _NotDerivedError(f"an arm lies {angle:.3g} deg from the maker's zero posture at the URDF's zero")
-    return nearest
 
 
 def _wrap(angle: float) -> float:

@@ -156,7 +156,7 @@ def move_axes(nominal: Robot, wanted: ZeroPose, file: object) -> Robot:
         after = after @ joint.placement
         if joint.actuated:
             axis, point = wanted.direction[index], wanted.point[index]
-            turn = _turn_between(before[:3, :3] @ joint.axis, axis)
+            turn = Rotation.align_vectors([axis], [before[:3, :3] @ joint.axis])[0].as_matrix()
             after = build_pose(point + axis * (axis @ (before[:3, 3] - point)), turn @ before[:3, :3])
             index += 1
         if joint.child == nominal.flange:
@@ -165,26 +165,12 @@ def move_axes(nominal: Robot, wanted: ZeroPose, file: object) -> Robot:
     return replace(nominal, joints=tuple(joints))
 
 
-def _turn_between(old: Array, new: Array) -> Array:
-    """Return the smallest rotation between two unit vectors. Shape (3, 3)."""
-    normal = np.cross(old, new)
-    sine = float(np.linalg.norm(normal))
-    if sine == 0.0:
-        return np.eye(3)
-    return np.asarray(Rotation.from_rotvec(normal / sine * np.arctan2(sine, old @ new)).as_matrix())
-
-
 def walk_dh(dh: Array) -> ZeroPose:
     """Return axes and flange of theta, a, d, alpha of each joint. Shape (n, 4). [rad, m, m, rad]"""
     pose, direction, point = np.eye(4), [], []
-    for row in dh:
+    for theta, a, d, alpha in dh:
         direction.append(pose[:3, 2])
         point.append(pose[:3, 3])
-        pose = pose @ _frame_dh(*row)
+        turn = Rotation.from_euler("z", theta).as_matrix()
+        pose = pose @ build_pose(turn @ [a, 0.0, d], turn @ Rotation.from_euler("x", alpha).as_matrix())
     return ZeroPose(np.array(direction), np.array(point), pose)
-
-
-def _frame_dh(theta: float, a: float, d: float, alpha: float) -> Array:
-    """Return Rz(theta) Tz(d) Tx(a) Rx(alpha). Shape (4, 4). [rad, m]"""
-    turn = Rotation.from_euler("z", theta).as_matrix()
-    return build_pose(turn @ [a, 0.0, d], turn @ Rotation.from_euler("x", alpha).as_matrix())

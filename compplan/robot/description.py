@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ast
 import io
-import math
 from collections.abc import Iterator
 from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from pathlib import Path
@@ -165,11 +164,9 @@ def _check_expression(tree: ast.AST, text: str) -> None:
     for node in ast.walk(tree):
         private = isinstance(node, ast.Attribute) and node.attr.startswith("_")
         private = private or (isinstance(node, ast.Name) and node.id.startswith("__"))
-        power = isinstance(node, ast.BinOp) and isinstance(node.op, ast.Pow) and not _is_small(node.right)
+        power = False
+        if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Pow):
+            exponent = node.right.value if isinstance(node.right, ast.Constant) else None
+            power = not isinstance(exponent, int | float) or abs(exponent) > GREATEST_EXPONENT
         if not isinstance(node, SAFE_NODES) or private or power:
             raise ValueError(f"{text.strip()[:60]!r} is more than arithmetic and calls")
-
-
-def _is_small(node: ast.expr) -> bool:
-    value = node.value if isinstance(node, ast.Constant) else math.inf
-    return isinstance(value, int | float) and abs(value) <= GREATEST_EXPONENT

@@ -74,11 +74,12 @@ def build_skeleton(
     turned = axis != "z"
     stated = "tool0" if "tool0" in urdf.links and not turned else ""
     if turned:
-        had = "tool0" in urdf.links
-        text, parent, tcp = _add_tip(text, urdf, tcp, axis)
-        urdf = read_urdf(text, file)
+        name = next(name for name in ("tool0", "tool_tip", "compplan_tip") if name not in urdf.links)
+        head, end, rest = text.rpartition("</robot>")
+        text = f"{head}{_render('tip.urdf', axis=axis, parent=tcp, name=name, rpy=TURNS[axis])}{end}{rest}"
+        stated = "" if name == "tool0" else name
+        parent, tcp, urdf = tcp, name, read_urdf(text, file)
         joints, _ = urdf.chain_to(tcp)
-        stated = tcp if had else ""
     elasticity, springs, fault = _write_elasticity(urdf, joints, tcp, parent, file, rating)
     gaps, written = _write_controller(urdf, joints, parent, axis if turned else None, stated, controller)
     if fault:  # inertia uses masses even without gravity
@@ -110,7 +111,7 @@ def _write_elasticity(
         grade=rating.grade if estimated and rating is not None else "placeholder",
         masses=f"left out: {fault}" if fault else f"URDF: {name}" if mass else "none in the URDF",
         unstated=[joint.name for joint in moving if not np.isfinite(joint.effort)],
-        accelerations=[f"{2.0 * _velocity(joint):.3g}" for joint in moving],
+        accelerations=[f"{2.0 * joint.velocity if np.isfinite(joint.velocity) else 2.0:.3g}" for joint in moving],
     )  # fmt: skip
     return text, 6 if estimated else 0, fault
 
@@ -151,14 +152,6 @@ def _rotation_along(joints: Sequence[Joint]) -> Array:
     for joint in joints:
         turn = turn @ joint.placement[:3, :3]
     return turn
-
-
-def _add_tip(text: str, urdf: Urdf, tcp: str, axis: str) -> tuple[str, str, str]:
-    """Add a frame with z out of the tool; return the URDF, the parent frame and the name."""
-    name = next(name for name in ("tool0", "tool_tip", "compplan_tip") if name not in urdf.links)
-    head, end, rest = text.rpartition("</robot>")
-    tip = _render("tip.urdf", axis=axis, parent=tcp, name=name, rpy=TURNS[axis])
-    return f"{head}{tip}{end}{rest}", tcp, name
 
 
 def _write_controller(
@@ -210,7 +203,3 @@ def _find_tip(urdf: Urdf) -> str:
     if not chains:
         raise InputError("no joint moves any link of this URDF", file=urdf.file)
     return max(chains, key=lambda tip: (sum(joint.actuated for joint in chains[tip]), len(chains[tip])))
-
-
-def _velocity(joint: Joint) -> float:
-    return joint.velocity if np.isfinite(joint.velocity) else 1.0

@@ -270,7 +270,8 @@ class Robot(Shown):
         )
         bodies = tuple(body for body in self.bodies if body.link in links and body.link != self.flange)
         mounted = (Body(self.flange, mass, np.asarray(centre, float)),) if mass else ()
-        weights = (*mounted, *self._bodies_on_flange()) if self.gravity is None and mass is not None else ()
+        gone = tuple(replace(body, mass=-body.mass) for body in self.bodies_on_flange())
+        weights = (*mounted, *gone) if self.gravity is None and mass is not None else ()
         bodies += mounted
         names, known = {joint.name for joint in kept}, self.uncertainty
         if known is not None:  # the frame of another tool is unknown
@@ -288,17 +289,14 @@ class Robot(Shown):
             uncertainty=known,
         )
 
-    def _bodies_on_flange(self) -> tuple[Body, ...]:
-        """List the bodies on the flange, in its frame, with negative mass."""
-        place, gone = {self.flange: np.eye(4)}, []
+    def bodies_on_flange(self) -> tuple[Body, ...]:
+        """List the masses on the flange and beyond, in its frame."""
+        place = {self.flange: np.eye(4)}
         for joint in self.joints:
             if joint.parent in place:
                 place[joint.child] = place[joint.parent] @ joint.placement
-        for body in self.bodies:
-            if body.link in place:
-                pose = place[body.link]
-                gone.append(Body(self.flange, -body.mass, pose[:3, :3] @ body.centre + pose[:3, 3]))
-        return tuple(gone)
+        found = ((body, place[body.link]) for body in self.bodies if body.link in place)
+        return tuple(Body(self.flange, b.mass, pose[:3, :3] @ b.centre + pose[:3, 3]) for b, pose in found)
 
     @property
     def longest_reach(self) -> float:

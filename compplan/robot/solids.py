@@ -31,19 +31,16 @@ class UrdfShape:
 
     def mesh(self) -> Any:
         """The shape as a mesh (trimesh) in the frame of the link."""
-        return as_mesh(self.form).apply_transform(self.placement)
+        import trimesh
+
+        own = isinstance(self.form, tuple)
+        mesh = trimesh.Trimesh(*triangulate(self.form), process=False) if own else self.form.copy()
+        return mesh.apply_transform(self.placement)
 
     @property
     def vertices(self) -> Array:
         """The vertices of that mesh. Shape (k, 3). [m]"""
         return triangulate(self.form)[0] @ self.placement[:3, :3].T + self.placement[:3, 3]
-
-
-def as_mesh(form: Any) -> Any:
-    """Return a shape as a mesh (trimesh)."""
-    import trimesh
-
-    return trimesh.Trimesh(*triangulate(form), process=False) if isinstance(form, tuple) else form.copy()
 
 
 def triangulate(form: Any) -> tuple[Array, NDArray[np.int_]]:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from compplan.errors import InputError, UnknownNameError
-from compplan.robot.model import SPRING_AXES, Robot, Spring
+from compplan.robot.model import SPRING_AXES, Joint, Robot, Spring
 
 
 def missing_springs(robot: Robot) -> tuple[Spring, ...]:
@@ -30,22 +30,18 @@ def link_springs(robot: Robot) -> tuple[Spring, ...]:
 
 def is_own(robot: Robot, spring: Spring) -> bool:
     """Return whether a spring acts about or along the axis of its joint."""
-    return spring.axis == "own" or spring.axis == _own_axis_name(robot, spring.joint)
+    joint = next(joint for joint in robot.joints if joint.name == spring.joint)
+    return own_sign(joint, spring.axis) != 0.0
 
 
-def _own_axis_name(robot: Robot, name: str) -> str | None:
-    joint = next(joint for joint in robot.joints if joint.name == name)
-    if joint.kind == "fixed":
-        return None
-    k = int(np.argmax(np.abs(joint.axis)))
-    return ("t" if joint.kind == "prismatic" else "r") + "xyz"[k] if abs(joint.axis[k]) > 1 - 1e-9 else None
-
-
-def spring_slides(robot: Robot, spring: Spring) -> bool:
-    """Return whether a spring is translational."""
-    if spring.axis == "own":
-        return next(joint for joint in robot.joints if joint.name == spring.joint).kind == "prismatic"
-    return spring.axis.startswith("t")
+def own_sign(joint: Joint, axis: str) -> float:
+    """Return 1 or -1 if a spring axis is parallel to the joint axis and of its kind, otherwise 0."""
+    if axis == "own":
+        return 1.0
+    if joint.kind == "fixed" or (joint.kind == "prismatic") != axis.startswith("t"):
+        return 0.0
+    cosine = float(joint.axis["xyz".index(axis[1])])
+    return float(np.sign(cosine)) if abs(cosine) > 1 - 1e-6 else 0.0
 
 
 def number_twins(names: Sequence[str]) -> list[str]:

@@ -188,8 +188,8 @@ class UncertaintyTable(StrictTable):
     grade: Literal["measured", "literature", "assumed"]
     source: str
     repeatability_mm: float | None = Field(default=None, ge=0.0, le=10.0)
-    unexplained: UnexplainedTable = UnexplainedTable(rms_mm=0.0)
-    calibration: CalibrationTable = CalibrationTable(factor=1.0, groups=0)
+    unexplained: UnexplainedTable = UnexplainedTable.model_construct(rms_mm=0.0)
+    calibration: CalibrationTable = CalibrationTable.model_construct(factor=1.0, groups=0)
     unknown: Annotated[tuple[UnknownTable, ...], Field(strict=False, max_length=MOST_UNKNOWN)] = ()
 
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from compplan.io.in_memory import is_file_name, take_table
+from compplan.io.in_memory import take_table
 from compplan.io.tables import read_table
 from compplan.toolpath.operations import select_operation
 from compplan.toolpath.readers import read_cam, refuse_idle
@@ -31,7 +31,7 @@ def read_toolpath(source: Any, *, cam: CamTable | None = None, feed: float | Non
     """
     if isinstance(source, Toolpath):
         return _set_feed(source, feed)
-    if not is_file_name(source):
+    if not isinstance(source, str | Path):
         return toolpath_from_table(take_table(source, COLUMNS, what="toolpath"), feed=feed)
     path = Path(source)
     if path.suffix.lower() == ".csv":

@@ -31,9 +31,9 @@ def test_every_posture_of_a_plane_stands_on_its_point_inside_the_limits(name: st
     side = np.linspace(-radius, radius, 15)
     plane = make_plane("horizontal", stand[0] + side, stand[1] + side, 0.6)
     reached = reach_plane(arm, plane, posture)
-    known = np.isfinite(reached.q).all(axis=-1)
+    known = np.isfinite(reached).all(axis=-1)
     assert 0.2 < known.any(axis=2).mean() < 0.9
-    q = reached.q[known]
+    q = reached[known]
     points = np.broadcast_to(plane.position[:, :, None], (*known.shape, 3))[known]
     frames = locate_frames(arm.chain, q)
     np.testing.assert_allclose(frames.tcp_position, points, atol=1e-6)
@@ -53,7 +53,7 @@ def test_straight_postures_are_found_wherever_random_ones_get() -> None:
     q[:, 1:3] = rng.uniform(FULL.lower[1:3], FULL.upper[1:3], (300, 2))
     points = locate_frames(arm.chain, q).tcp_position
     reached = reach_plane(arm, Plane("vertical", points[:, 0], points[:1, 2], 0.0, points[None]), "straight")
-    assert np.isfinite(reached.q).all(axis=-1).any(axis=2).mean() > 0.99
+    assert np.isfinite(reached).all(axis=-1).any(axis=2).mean() > 0.99
 
 
 def test_the_full_model_with_a_straight_wrist_yields_3_8_um_per_newton_at_most() -> None:
@@ -65,15 +65,15 @@ def test_the_full_model_with_a_straight_wrist_yields_3_8_um_per_newton_at_most()
         make_plane("horizontal", side, side, 0.5),
         make_plane("vertical", np.linspace(0, radius, 60), np.linspace(lowest, highest, 60), 0.0),
     ):
-        result = map_deflection(FULL, reach_plane(arm, plane, "straight"), WRENCH, load_robot("kuka_kr270"))
+        result = map_deflection(FULL, plane, reach_plane(arm, plane, "straight"), WRENCH)
         assert np.nanmax(result.worst) == pytest.approx(3.8e-6, rel=0.03)
-        assert np.nanmax(result.reduced_gap) == pytest.approx(0.9e-6, rel=0.1)
 
 
 def test_a_map_shows_what_the_model_says_at_each_point() -> None:
     arm = build_arm(FULL)
     side = np.linspace(-2.9, 2.9, 12)
-    result = map_deflection(FULL, reach_plane(arm, make_plane("horizontal", side, side, 0.8), "down"), WRENCH)
+    plane = make_plane("horizontal", side, side, 0.8)
+    result = map_deflection(FULL, plane, reach_plane(arm, plane, "down"), WRENCH)
     reached = result.reached
     q, chain = result.q[reached], build_chain(FULL)
     compliance = cartesian_compliance(chain, q)[:, :3, :3]
@@ -81,15 +81,14 @@ def test_a_map_shows_what_the_model_says_at_each_point() -> None:
     np.testing.assert_allclose(along, result.worst[reached], rtol=1e-9)
     moved = solve_equilibrium(chain, q, WRENCH).position - locate_frames(chain, q).tcp_position
     np.testing.assert_allclose(np.linalg.norm(moved, axis=1), result.under_wrench[reached], rtol=1e-9)
-    assert not np.isfinite(result.reduced_gap).any()
 
 
 def test_the_map_turns_with_the_first_joint() -> None:
     arm = build_arm(load_robot("staubli_tx200"))
     u, v = np.linspace(0.5, 1.8, 8), np.linspace(0.2, 1.5, 8)
     here, there = (
-        map_deflection(arm.robot, reach_plane(arm, make_plane("vertical", u, v, angle), "down"), np.zeros(6))
-        for angle in (0.0, 1.0)
+        map_deflection(arm.robot, plane, reach_plane(arm, plane, "down"), np.zeros(6))
+        for plane in (make_plane("vertical", u, v, angle) for angle in (0.0, 1.0))
     )
     np.testing.assert_allclose(here.worst, there.worst, rtol=1e-7)
 

@@ -6,15 +6,15 @@ import pytest
 from compplan.reproduce.dumas2011 import (
     MASS_KG,
     TESTS,
+    DexterityMap,
     draw_tests,
     identify,
     map_quality,
+    mean_inside,
     monte_carlo,
-    zones_of_table_1,
 )
 from compplan.robot import load_robot
 from compplan.statics.chain import build_chain
-from compplan.statics.quality import DexterityMap, mean_inside
 from compplan.statics.stiffness import complementary_influence
 
 ROBOT = load_robot("kuka_kr240")
@@ -27,7 +27,7 @@ def quality() -> DexterityMap:
 
 
 def test_the_zones_are_half_again_as_dexterous_as_the_rest(quality: DexterityMap) -> None:
-    inside, outside = mean_inside(quality, zones_of_table_1())
+    inside, outside = mean_inside(quality)
     assert inside["Z1"] == pytest.approx(0.508, abs=0.02)
     assert inside["Z2"] == pytest.approx(0.505, abs=0.02)
     assert inside["Z3"] == pytest.approx(0.460, abs=0.02)
@@ -37,7 +37,7 @@ def test_the_zones_are_half_again_as_dexterous_as_the_rest(quality: DexterityMap
 
 
 def test_the_folded_arm_is_a_singular_line(quality: DexterityMap) -> None:
-    row = int(np.abs(np.degrees(quality.second) + 87).argmin())
+    row = int(np.abs(np.degrees(quality.joints["theta_3"]) + 87).argmin())
     assert quality.inverse_condition[row].max() < 0.005
 
 

@@ -1,12 +1,14 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from compplan.reproduce.mamedov2018 import (
     TABLE_3,
     compensated_share,
     identify_reduced,
-    map_planes,
+    map_full,
+    reduced_gap,
     with_material,
     with_wall,
 )
@@ -46,11 +48,12 @@ def test_steel_fits_table_3_worst_and_the_folder_holds_aluminium() -> None:
 
 
 def test_the_papers_springs_compensate_more_than_80_per_cent_of_the_maps() -> None:
-    planes = map_planes(FULL, PAPER, 30)
+    planes = map_full(FULL, 30)
     own = identify_reduced(FULL).robot
     for plane in planes.values():
         table, fitted = compensated_share(FULL, PAPER, plane), compensated_share(FULL, own, plane)
         assert 0.80 < table.mean() < 0.92
+        assert np.nanmax(reduced_gap(FULL, PAPER, plane)) == pytest.approx(0.9e-6, rel=0.1)
         assert fitted.mean() > table.mean() and fitted.mean() > 0.95
 
 

@@ -138,7 +138,6 @@ def _check_form(words: tuple[str, ...], options: Mapping[str, Any]) -> str:
 def _init_job(file: Path, robot_name: str | None, toolpath: str | None, *, short: bool) -> list[str]:
     from compplan.job.commented_job import (
         describe_mount,
-        describe_tools,
         read_called_tools,
         shorten_job,
         write_job_text,
@@ -154,10 +153,15 @@ def _init_job(file: Path, robot_name: str | None, toolpath: str | None, *, short
         words |= {"robot": robot_name, "language": _native_language(robot), "tool": describe_mount(robot, used=cam)}
     if toolpath is not None:
         _check_toolpath(file.parent / toolpath, file.name)
-        words |= {"toolpath": _line("toolpath", toolpath), "model": "milling" if cam else "columns", "assumed": cam}
+        line = tomli_w.dumps({"toolpath": toolpath}).rstrip("\n")
+        words |= {"toolpath": line, "model": "milling" if cam else "columns", "assumed": cam}
         if cam:
             try:
-                words |= describe_tools(read_called_tools(file.parent / toolpath))
+                tools = read_called_tools(file.parent / toolpath)
+                if len(tools) != 1:
+                    words["tools"] = tools
+                else:
+                    words |= {"model": "", "cut": tools[0].cut} if tools[0].drills else tools[0].cut
                 assumed = "assumed values, replace them by yours: tool length and mass, the numbers of the cut"
             except CompplanError as error:
                 assumed = f"tools and spindle speeds are not taken from {toolpath}: {error}"
@@ -200,14 +204,12 @@ def _ease_force(text: str, robot: Robot) -> dict[str, Any]:
     share = 0.5 * most / robot.longest_reach / process["axial_N"]
     if not 0.0 < share < 1.0:
         return {}
-    eased = {key: _round_down(share * process[key]) for key in ("axial_N", "lateral_N")}
+    eased = {}
+    for key in ("axial_N", "lateral_N"):  # rounded down to two digits
+        value = share * process[key]
+        step = 10.0 ** (math.floor(math.log10(value)) - 1)
+        eased[key] = round(math.floor(value / step) * step, 6)
     return {**eased, "eased": "assumed: half of what this arm holds stretched out; put yours; "}
-
-
-def _round_down(value: float) -> float:
-    """Round a positive number down to two digits."""
-    step = 10.0 ** (math.floor(math.log10(value)) - 1)
-    return round(math.floor(value / step) * step, 6)
 
 
 def _check_toolpath(path: Path, job: str) -> None:
@@ -271,10 +273,6 @@ def _refuse_existing(path: Path) -> Path:
     if path.exists():
         raise InputError("exists already; name another", file=path)
     return path
-
-
-def _line(key: str, value: str) -> str:
-    return tomli_w.dumps({key: value}).rstrip("\n")
 
 
 #: Terminal colours of the states.

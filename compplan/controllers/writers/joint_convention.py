@@ -100,7 +100,7 @@ class ControllerTable(StrictTable):
     sign: Annotated[tuple[Annotated[Literal[-1, 1], BeforeValidator(refuse_other_types)], ...], Field(strict=False)]
     zero_deg: Annotated[tuple[Zero, ...], Field(strict=False)]
     coupling: Annotated[tuple[Numbers, ...], Field(strict=False)] | None = None
-    world: WorldTable = WorldTable()
+    world: WorldTable = WorldTable.model_construct()
     pendant: PendantTable | None = None
     motion: MotionTable | None = None
     checked: bool = True

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,7 +15,6 @@ from compplan.reporting.charts import GRID, INK, SEQUENTIAL
 from compplan.reporting.maps.survey import DeflectionMap
 from compplan.robot import Array, Robot
 from compplan.statics.chain import build_chain, locate_frames
-from compplan.statics.quality import DexterityMap, Zone
 
 DPI = 150
 #: Units of the components of a wrench.
@@ -39,8 +38,6 @@ def deflection_panels(deflection: DeflectionMap, quality: Array | None = None) -
     if wrench.any():
         parts = [f"{n} = {w:g} {unit}" for (n, unit), w in zip(WRENCH.items(), wrench, strict=True) if w]
         panels.append(Panel(f"Given wrench ({', '.join(parts)})", deflection.under_wrench * 1e3, "mm"))
-    if np.isfinite(deflection.reduced_gap).any():
-        panels.append(Panel("Full minus reduced model", deflection.reduced_gap * 1e6, "µm/N"))
     if quality is not None and np.nanmax(quality, initial=0.0) > 1e-6:
         panels.append(Panel("Dexterity 1/κ (1 is best)", quality, "", high_is_good=True))
     return panels
@@ -69,23 +66,25 @@ def draw_deflection(robot: Robot, deflection: DeflectionMap, panels: list[Panel]
 
 
 def draw_joint_map(
-    quality: DexterityMap, zones: list[Zone], names: tuple[str, str], title: str, *, high_is_good: bool = True
+    joints: Mapping[str, Array], values: Array, zones: Mapping[str, Array], title: str, *, high_is_good: bool = True
 ) -> bytes:
-    """Draw the inverse condition number or another quantity over two joints, with zones outlined, as a PNG picture."""
+    """Draw a quantity over two joints, with zones outlined, as a PNG picture.
+
+    joints: positions of both by name, (a,) and (b,) [rad]; values: (b, a); zones: ranges of both joints, (2, 2) [rad].
+    """
     from matplotlib.patches import Rectangle
 
     figure, axes = _make_figure(1, 1, width=5.6, height=4.6)
     axis = axes.flat[0]
-    first, second = np.degrees(quality.first), np.degrees(quality.second)
-    _draw_field(axis, first, second, Panel(title, quality.inverse_condition, "", high_is_good))
-    for zone in zones:
-        low, high = np.degrees(zone.lower), np.degrees(zone.upper)
+    first, second = (np.degrees(positions) for positions in joints.values())
+    _draw_field(axis, first, second, Panel(title, values, "", high_is_good))
+    for name, zone in zones.items():
+        low, high = np.degrees(zone.T)
         corner, size = (low[0], low[1]), (high[0] - low[0], high[1] - low[1])
         axis.add_patch(Rectangle(corner, *size, fill=False, edgecolor=INK["light"], linewidth=1.6))
         place = (low[0] + 0.05 * size[0], high[1] - 0.08 * size[1])
-        axis.text(*place, zone.name, fontsize=10, fontweight="bold", va="top")
-    axis.set_xlabel(f"{names[0]} [deg]")
-    axis.set_ylabel(f"{names[1]} [deg]")
+        axis.text(*place, name, fontsize=10, fontweight="bold", va="top")
+    axis.set(**{f"{side}label": f"{name} [deg]" for side, name in zip("xy", joints, strict=True)})
     return _to_png(figure)
 
 

@@ -36,15 +36,6 @@ class Plane:
     position: Array  #: Points in the base frame. Shape (b, a, 3). [m]
 
 
-@dataclass(frozen=True)
-class ReachedPlane:
-    """Joint positions on a plane; NaN if there is none inside the limits."""
-
-    plane: Plane  #: The plane.
-    posture: str  #: Tool direction.
-    q: Array  #: Candidate joint positions at each point. Shape (b, a, k, nq). [rad or m]
-
-
 def make_plane(name: str, u: Array, v: Array, level: float, centre: Array | None = None) -> Plane:
     """Build a horizontal plane at a height, or a vertical one in a direction: `level` [m or rad].
 
@@ -64,10 +55,11 @@ def make_plane(name: str, u: Array, v: Array, level: float, centre: Array | None
     return Plane(name, np.asarray(u, float), np.asarray(v, float), float(level), position)
 
 
-def reach_plane(arm: Arm, plane: Plane, posture: str = "down") -> ReachedPlane:
+def reach_plane(arm: Arm, plane: Plane, posture: str) -> Array:
     """Find joint positions inside the limits for every point of a plane, the tool's x axis in its vertical plane.
 
     posture: "straight": the last three joints at zero; "down": the tool points down; "outward": away from axis one.
+    Returns k candidates at each point, NaN for those beyond the limits. Shape (b, a, k, nq). [rad or m]
 
     Raises:
         InputError: If the posture is unknown, or the robot has fewer than six joints.
@@ -84,7 +76,7 @@ def reach_plane(arm: Arm, plane: Plane, posture: str = "down") -> ReachedPlane:
     within = (q >= arm.robot.lower - ON_LIMIT) & (q <= arm.robot.upper + ON_LIMIT)
     inside = np.asarray(within.all(axis=-1))
     q = np.where(inside[..., None], q, np.nan)
-    return ReachedPlane(plane, posture, q.reshape(*plane.position.shape[:2], *q.shape[1:]))
+    return q.reshape(*plane.position.shape[:2], *q.shape[1:])
 
 
 def stand_of_arm(arm: Arm) -> Array:

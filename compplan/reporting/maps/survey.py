@@ -15,18 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.errors import ConvergenceError, InputError
-from compplan.reporting.maps.reach import (
-    Plane,
-    ReachedPlane,
-    make_plane,
-    reach_plane,
-    stand_of_arm,
-    working_limits,
-)
+from compplan.reporting.maps.reach import Plane, make_plane, reach_plane, stand_of_arm, working_limits
 from compplan.robot import Array, Robot
 from compplan.statics.chain import Chain, build_chain
 from compplan.statics.elastic import cartesian_compliance, solve_equilibrium
-from compplan.statics.ik import build_arm
+from compplan.statics.ik import Arm, build_arm
 from compplan.statics.quality import natural_length, quality_of_poses
 from compplan.statics.stiffness import worst_unit_force
 from compplan.toolpath.toolpath import WRENCH_HEADERS
@@ -37,14 +30,11 @@ class DeflectionMap:
     """Deflection of a robot over a plane, in the stiffest posture at each point; NaN where the robot does not reach."""
 
     plane: Plane  #: The plane.
-    posture: str  #: Tool direction.
     wrench: Array  #: Given wrench of the environment on the tool at the TCP, base axes. Shape (6,). [N, N m]
     q: Array  #: Joint positions. Shape (b, a, nq). [rad or m]
     worst: Array  #: Deflection under the worst unit force. Shape (b, a). [m/N]
     force: Array  #: Direction of that force, base axes. Shape (b, a, 3).
     under_wrench: Array  #: Deflection under the given wrench, relative to the arm without it. Shape (b, a). [m]
-    #: Length of full minus reduced deflection under the full model's worst unit force. Shape (b, a). [m/N]
-    reduced_gap: Array
 
     @property
     def reached(self) -> NDArray[np.bool_]:
@@ -52,12 +42,13 @@ class DeflectionMap:
         return np.isfinite(self.worst)
 
 
-def map_deflection(robot: Robot, reached: ReachedPlane, wrench: Array, reduced: Robot | None = None) -> DeflectionMap:
-    """Compute the deflection of a robot over a plane, and its difference from a reduced model if one is given.
+def map_deflection(robot: Robot, plane: Plane, candidates: Array, wrench: Array) -> DeflectionMap:
+    """Compute the deflection of a robot over a plane.
 
-    wrench: of the environment on the tool at the TCP, base axes. Shape (6,). [N, N m]
+    candidates: joint positions of `reach_plane`; wrench: of the environment on the tool at the TCP, base axes. Shape
+    (6,). [N, N m]
     """
-    chain, candidates = build_chain(robot), reached.q
+    chain = build_chain(robot)
     shape, nq = candidates.shape[:2], candidates.shape[-1]
     flat = candidates.reshape(-1, nq)
     valid = np.flatnonzero(np.isfinite(flat).all(axis=1))
@@ -68,16 +59,12 @@ def map_deflection(robot: Robot, reached: ReachedPlane, wrench: Array, reduced: 
     pick = np.arange(len(cost)) * candidates.shape[2] + cost.argmin(axis=1)
     size, direction, q = size[pick], direction[pick], flat[pick]
     rows = np.flatnonzero(np.isfinite(size))
-    under, gap = np.full(len(pick), np.nan), np.full(len(pick), np.nan)
+    under = np.full(len(pick), np.nan)
     if len(rows):
         under[rows] = deflection_under(chain, q[rows], wrench)
-        if reduced is not None:
-            change = cartesian_compliance(chain, q[rows]) - cartesian_compliance(build_chain(reduced), q[rows])
-            gap[rows] = np.linalg.norm(np.einsum("nij,nj->ni", change[:, :3, :3], direction[rows]), axis=1)
     q = np.where(np.isfinite(size)[:, None], q, np.nan)
     return DeflectionMap(
-        reached.plane, reached.posture, wrench, q.reshape(*shape, nq), size.reshape(shape),
-        direction.reshape(*shape, 3), under.reshape(shape), gap.reshape(shape),
+        plane, wrench, q.reshape(*shape, nq), size.reshape(shape), direction.reshape(*shape, 3), under.reshape(shape),
     )  # fmt: skip
 
 
@@ -130,6 +117,22 @@ class RobotMaps:
         }  # fmt: skip
 
 
+def map_planes(arm: Arm, settings: MapSettings) -> tuple[dict[str, DeflectionMap], tuple[float, float, float]]:
+    """Compute the deflection of a robot over a horizontal and a vertical plane; also return `working_limits`."""
+    radius, lowest, highest = working_limits(arm, settings.posture)
+    side, stand = np.linspace(-radius, radius, settings.points), stand_of_arm(arm)
+    outward, upward = np.linspace(0, radius, settings.points), np.linspace(lowest, highest, settings.points)
+    grids = (
+        make_plane("horizontal", stand[0] + side, stand[1] + side, settings.height),
+        make_plane("vertical", outward, upward, settings.azimuth, stand),
+    )
+    planes = {
+        grid.name: map_deflection(arm.robot, grid, reach_plane(arm, grid, settings.posture), settings.wrench)
+        for grid in grids
+    }
+    return planes, (radius, lowest, highest)
+
+
 def map_robot(robot: Robot, settings: MapSettings) -> RobotMaps:
     """Compute the maps of a robot over a horizontal and a vertical plane.
 
@@ -140,18 +143,7 @@ def map_robot(robot: Robot, settings: MapSettings) -> RobotMaps:
     if not chain.compliance.any():
         raise InputError(f"robot {robot.name!r} has no elasticity to map; identify it first (compplan identify)")
     start = time.perf_counter()
-    arm = build_arm(robot)
-    radius, lowest, highest = working_limits(arm, settings.posture)
-    side, stand = np.linspace(-radius, radius, settings.points), stand_of_arm(arm)
-    outward, upward = np.linspace(0, radius, settings.points), np.linspace(lowest, highest, settings.points)
-    grids = {
-        "horizontal": make_plane("horizontal", stand[0] + side, stand[1] + side, settings.height),
-        "vertical": make_plane("vertical", outward, upward, settings.azimuth, stand),
-    }
-    planes = {
-        name: map_deflection(robot, reach_plane(arm, grid, settings.posture), settings.wrench)
-        for name, grid in grids.items()
-    }
+    planes, reach = map_planes(build_arm(robot), settings)
     for name, plane in planes.items():
         if not (plane.reached & np.isfinite(plane.under_wrench)).any():
             raise InputError(f"robot {robot.name!r} reaches no place of the {name} plane; ask for another one")
@@ -162,7 +154,7 @@ def map_robot(robot: Robot, settings: MapSettings) -> RobotMaps:
         if reached.any():
             quality[name][reached] = quality_of_poses(chain, plane.q[reached], length)
     seconds = time.perf_counter() - start
-    return RobotMaps(robot, settings, planes, quality, length, (radius, lowest, highest), seconds)
+    return RobotMaps(robot, settings, planes, quality, length, reach, seconds)
 
 
 def _sum_up(plane: DeflectionMap, quality: Array) -> dict[str, Any]:

@@ -84,7 +84,7 @@ class CamTable(StrictTable):
     tool_direction: Literal["x", "y", "z", "-x", "-y", "-z"] | None = None
     operation: int | None = Field(default=None, ge=1)
     strict: bool = False
-    _axes: MachineAxes = PrivateAttr(default=MachineAxes())
+    _axes: MachineAxes = PrivateAttr(default=MachineAxes.model_construct())
 
     @property
     def axes(self) -> MachineAxes:
