@@ -124,12 +124,13 @@ class Summary:
     sheet: Section | None = None  #: Section shown open directly below, such as the setup sheet.
 
     def format(self, folder: Path, files: Sequence[str], notes: Sequence[str] = ()) -> list[str]:
-        """Return the lines of the terminal: verdict, figures, notes, the files written to a folder, the next step."""
+        """Return the lines of the terminal: verdict, figures, points to resolve, notes, written files, next step."""
         width = max((len(figure[0]) for figure in self.figures), default=0)
         figures = [f"  {figure[0]:<{width}}  {figure[1]}" for figure in self.figures]
+        stops = [f"before the machine moves: {stop}" for stop in self.stops]
         step = self.next.replace("OUT/", f"{folder}/")
-        wrote = format_files(folder, files)
-        return [self.verdict, *figures, *notes, wrote, *([f"next: {step[:1].lower()}{step[1:]}"] if step else [])]
+        next_step = [f"next: {step[:1].lower()}{step[1:]}"] if step else []
+        return [self.verdict, *figures, *stops, *notes, format_files(folder, files), *next_step]
 
 
 def is_program(file: Path) -> bool:

@@ -238,9 +238,6 @@ def run_campaign(
         announce("report")
         summary = write_campaign(campaign, folder)
     notes = [*(f"put up {fixture.instruction}" for fixture in campaign.fixtures), *campaign.notes]
-    if len(campaign.touching):
-        poses = ", ".join(str(k + 1) for k in campaign.touching)
-        notes.append(f"the way to pose {poses} touches something: go around")
     return CommandResult(summary, open_campaign(campaign).format(folder, summary["files"], notes))
 
 
