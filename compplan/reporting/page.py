@@ -134,7 +134,7 @@ class Summary:
 
 
 def is_program(file: Path) -> bool:
-    """Return whether a file of a result is a robot program, judged by its name."""
+    """Return whether a file of a result is a robot program, by its name."""
     return file.suffix not in NO_PROGRAM and file.name not in NO_PROGRAM_NAMES
 
 

@@ -280,5 +280,5 @@ def run_learn(
         update = learn(job, measured, robot_name, progress=announce, **options)
         announce("report")
         summary = write_learning(update, folder)
-    lines = open_update(update).format(folder, summary["files"], update.notes)
+    lines = open_update(update).format(folder, summary["files"], update.notes[1:])
     return CommandResult(summary, lines, explain_failures([update.after]))
