@@ -104,17 +104,15 @@ def match_points(
     if good.sum() < FEWEST or strange:
         raise table.error(
             f"{int(good.sum())} of {len(point)} points are of the cut; expected at least {FEWEST}, and half of all"
-            f" within {FARTHEST * 1e3:g} mm of the path (median distance {float(np.median(distance)) * 1e3:.4g} mm). Are"
-            f" they of this part, in the {'base' if in_base else 'part'} frame (--frame), in mm, with axes in its order?"
+            f" within {FARTHEST * 1e3:g} mm of the path (median distance {float(np.median(distance)) * 1e3:.4g} mm)."
+            f" Are they of this part, in the {'base' if in_base else 'part'} frame (--frame), in mm, axes in its order?"
         )
     places = len(np.unique(np.round(length[good], 6)))
     if places < FEWEST:
         raise table.error(f"{int(good.sum())} points measure {places} places of the cut, expected at least {FEWEST}")
     notes = [*table.notes, *moved]
     if scanned and sigma is None:
-        notes.append(
-            f"the file states no standard deviation of the scan (--sigma-mm): {SCAN_SIGMA * 1e3:g} mm is assumed"
-        )
+        notes.append(f"no standard deviation of the scan is stated (--sigma-mm): {SCAN_SIGMA * 1e3:g} mm is assumed")
     notes += [] if scanned else _describe_left_out(table, good)
     left_out, again = int((~good).sum()), find_repeated_points(table)
     if again.any() and not scanned:
