@@ -116,7 +116,7 @@ def match_points(
     notes += [] if scanned else _describe_left_out(table, good)
     left_out, again = int((~good).sum()), find_repeated_points(table)
     if again.any() and not scanned:
-        notes.append(f"{int(again.sum())} rows repeat an earlier row exactly; they are left out")
+        notes.append(f"{int(again.sum())} rows are there twice, to the last digit: each counts once")
         good = good & ~again
     return MeasuredPath(
         length[good], deviation[good], counts[good], spread[good], left_out, tuple(notes), scanned,

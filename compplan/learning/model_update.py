@@ -260,7 +260,7 @@ def _decide(model: UpdateModel, gathered: Gathered, rms: float, held: float) -> 
     """Decide whether the correction is supported, and return the reason; deviations within the noise support it."""
     if _is_chance(model, gathered):
         return True, (
-            f"the measured deviation of {rms * 1e3:.3g} mm rms is within the scatter of instrument, repeatability,"
+            f"the measured deviation of {rms * 1e3:.3g} mm rms may come by chance from instrument, repeatability,"
             " clamping and force: the program corrects only what is expected to repeat"
         )
     if held >= rms:

@@ -217,7 +217,7 @@ def format_plan(plan: Plan, folder: Path, files: Sequence[Path]) -> list[str]:
     lines = [_format_verdict(plan), _format_band(plan), cause, _format_basis(plan)]
     step = f"next: {step[0].lower()}{step[1:].rstrip('.')}"
     wrote = format_files(folder, files, count_notes(plan.notes), plan.status)
-    return [*map(_shorten, lines), *format_stops([*plan.reasons, *plan.notes]), wrote, _shorten(step)]
+    return [*map(_shorten, lines), *format_stops([*plan.reasons, *plan.notes]), wrote, step]
 
 
 def _format_band(plan: Plan) -> str:

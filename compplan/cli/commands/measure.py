@@ -83,7 +83,7 @@ def run_identify(
     summary = write_identification(found, folder, list(campaign.notes))
     held = len(summary["unidentifiable"])
     notes = list_compliances(summary)
-    notes += [f"note: {held} parameters cannot be determined, see the report"] if held else []
+    notes += [f"note: parameters that these poses do not determine: {held}, see the report"] if held else []
     notes += [*(f"note: {note}" for note in summary["notes"]), *list_notes(campaign.notes)]
     files = ["identify.json", "report.html", "robot"]
     return CommandResult(summary, open_identification(summary).format(folder, files, notes))
