@@ -20,6 +20,7 @@ from compplan.io.tables import read_table, read_text
 from compplan.measurement.campaign import Campaign
 from compplan.measurement.checks import list_notes
 from compplan.measurement.reading import guess_name, log_columns, read_campaign, rename_title
+from compplan.reporting.provenance import explain_grade
 from compplan.robot import Array, Robot
 from compplan.robot.folder import robot_folders
 from compplan.robot.mounting import mounted_tool, name_axis, outward_axis
@@ -102,15 +103,17 @@ def examine_robot(robot: Robot) -> list[Remark]:
     """Check a robot folder: sources, limits, masses, springs, controller, pendant and collision shapes."""
     rating, slides = read_rating(robot), int(robot.prismatic.sum())
     kinds = f"{robot.nq} joints" + (f", {slides} of them slide" if slides else "")
-    size = f"reach not stated; the links add up to {robot.longest_reach:.2f} m, more than it reaches"
+    size = f"reach not stated (links stretched: {robot.longest_reach:.2f} m)"
     if rating is not None:
         size = f"payload {rating.payload:g} kg, reach {rating.reach:.2f} m by the maker (SOURCE.md)"
     tool = f"tools leave along {name_axis(outward_axis(robot))} of {robot.flange!r}"
     remarks = [Remark("fine", "folder", f"{robot.name}: {kinds}; {size}; {tool}")]
     if robot.grade == "placeholder":
-        remarks += [Remark("odd", "robot model", "placeholder: do not rely on how it bends", "identify your robot")]
-    elif robot.grade != "identified":
-        remarks += [Remark("note", "robot model", f"{robot.grade}: not measured on your robot", "identify it first")]
+        remarks += [
+            Remark("odd", "robot model", "placeholder: its stiffness is assumed", "measure it before you rely on it")
+        ]
+    elif (known := explain_grade(robot)).endswith("not measured on your robot"):
+        remarks += [Remark("note", "robot model", known, "measure it: compplan campaign JOB, then compplan diagnose")]
     for joint in robot.actuated:
         slide = joint.kind == "prismatic"
         if (FASTEST_SLIDE if slide else FASTEST) < joint.velocity < np.inf:
@@ -122,15 +125,15 @@ def examine_robot(robot: Robot) -> list[Remark]:
     counting = load_controller(robot)
     notes = {
         ("repeatability", f"repeatability_mm is missing in elasticity.toml: {1e3 * REPEATABILITY:g} mm is assumed",
-         "enter the data sheet's value / 3.6"):
+         "enter the data sheet's value divided by 3.6"):
             robot.repeatability is None,
-        ("limits", "some joints have no effort limit: overload is not seen", ""):
+        ("limits", "some joints have no effort limit: their overload is not detected", ""):
             not np.isfinite(robot.effort_limits).all(),
-        ("limits", "no acceleration_limits", "feed in corners will be too high"):
+        ("limits", "no acceleration_limits", "the planned feed in corners is too high"):
             not np.isfinite(robot.acceleration_limits).all(),
-        ("rating", "payload, reach and own weight are not stated: masses cannot be checked by them",
-         f"write a line such as {example!r} into SOURCE.md of the folder"): rating is None,
-        ("gravity", "not in the model: deflections count from the arm that hangs under its weight", ""):
+        ("rating", "payload, reach and own weight are not stated, so the masses cannot be checked",
+         f"add to SOURCE.md a line such as {example!r}"): rating is None,
+        ("gravity", "not in the model: deflections are relative to the arm under its own weight", ""):
             robot.gravity is None,
         ("springs", f"no spring at {', '.join(rigid)}: taken as rigid", ""): elastic and bool(rigid),
         ("tcp", "the TCP is the flange: no tool is mounted", "give [tool] in the job, or --tool"):

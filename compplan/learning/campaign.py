@@ -94,7 +94,8 @@ def design_campaign(
                                           equipment.length, solids)  # fmt: skip
     if len(postures) < count:
         raise InputError(
-            f"the arm finds {len(postures)} postures to measure in, {count} are asked for; check limits and collisions"
+            f"only {len(postures)} postures are within joint limits and free of collisions, --poses asks for {count}:"
+            " ask for fewer, or check limits and shapes of the robot folder"
         )
     candidates = list_candidates(robot, postures, equipment.weights, equipment.pull, known.unknowns)
     if observations is not None:
@@ -150,16 +151,15 @@ def advise_load(design: Design, equipment: Equipment, covariance: Array, force: 
         if equipment.pull > 0.0 or equipment.instrument == SOCKETS or aside <= down:
             return []
         return [
-            f"weights pull down, the process of this path pushes sideways with up to {aside:.0f} N: pull the tool"
-            f" sideways, too (--pull-N {min(aside, 400.0):.0f}); uncertain causes count on a path only where"
-            " similar forces were measured"
+            f"weights pull down only, but the process pushes sideways with up to {aside:.0f} N: pull the tool sideways"
+            f" at some poses (--pull-N {min(aside, 400.0):.0f}), otherwise the sideways deflection stays uncertain"
         ]
     rigid = [u.effect not in COMPLIANCES for u in design.known.unknowns for _ in u.keys]
     left, rest = design.model_band(covariance), design.model_band(covariance * np.outer(rigid, rigid))
     if rest**2 > 0.5 * left**2:
         return []
     return [
-        "poses without a load do not determine compliances, which make most of the remaining uncertainty: hang weights"
+        "poses without load do not determine the compliances, the largest cause of the remaining band: hang weights"
         " at the tool (--weights-kg 0,60) or pull it sideways (--pull-N 400)"
     ]
 
@@ -184,8 +184,8 @@ def learn_log(design: Design, robot: Robot, log: Campaign | None) -> tuple[Array
     advice = []
     if distance > 2.0 * gammaincinv(0.5 * freedom, BY_CHANCE):
         advice.append(
-            f"the log lies {np.sqrt(distance / freedom):.2g} times as far from the robot folder as its widths allow:"
-            " diagnose it, and design with the updated folder"
+            f"the log contradicts the robot folder: it differs by {np.sqrt(distance / freedom):.2g} times the stated"
+            " uncertainty; run compplan diagnose on it, then campaign with --robot and the updated folder"
         )
     p = len(design.start)
     return learn_rows(own.start, rows, design.noise)[:p, :p], len(use), advice

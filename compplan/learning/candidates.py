@@ -48,9 +48,9 @@ SOCKET_SIGMA = 2e-5
 STEPS, TIP_TOLERANCE, STEP = 15, 1e-9, 0.2
 #: Setup instruction of an instrument; {at} in the robot's base frame.
 SETUP = {
-    SOCKETS: "socket {label} at ({at}) mm, fixed so that it does not move while its poses are measured",
-    GAUGE: "dial gauge {label} at ({at}) mm, its axis along ({along}) within a few mrad: it reads more where the tip is"
-           " farther that way; zero it anywhere and leave it",
+    SOCKETS: "socket {label} at ({at}) mm in the base frame; fix it until its poses are measured",
+    GAUGE: "dial gauge {label} at ({at}) mm in the base frame, its axis along ({along}) within 0.2 deg, so that the"
+           " reading grows in this direction; zero it once",
 }  # fmt: skip
 #: Directions of dial gauges and plates, in turn for successive places.
 NORMALS = np.eye(3)[[2, 0, 1]]

@@ -119,7 +119,7 @@ def describe_whole(gathered: Gathered, tip: Array, R_base_part: Array, expected:
     usual = np.einsum("oc,op,pc->c", left, expected / np.outer(sigma, sigma), left)
     where = ", ".join(f"{round(1e3 * value, 6):.2g}" for value in motion[:3] @ R_base_part)
     text = (
-        f"{taken:.0%} of what was measured is a shift of the whole part by [{where}] mm (its middle, part axes) and a"
-        f" turn of {round(float(np.degrees(np.linalg.norm(motion[3:]))) / size, 6):.2g} deg"
+        f"{100 * taken:.0f} % of the measured deviation is a shift of the whole part by [{where}] mm (at its centre,"
+        f" part axes) and a turn of {round(float(np.degrees(np.linalg.norm(motion[3:]))) / size, 6):.2g} deg"
     )
     return text, bool((np.abs(shares[clear]) > CLEAR * np.sqrt(usual[clear])).any())

@@ -97,26 +97,26 @@ def match_points(
     wide, whole = (np.ptp(np.quantile(part, (0.05, 0.95), axis=0), axis=0).max() for part in (given, nominal.position))
     if not accept_implausible and wide < SPOT * whole:
         raise table.error(
-            f"the points extend over {wide * 1e3:.3g} mm and the path over {whole * 1e3:.3g} mm, are they in metres or"
+            f"the points extend over {wide * 1e3:.3g} mm, the path over {whole * 1e3:.3g} mm: are they in metres or"
             " inches, not in mm? --assume-ok learns them as they are"
         )
     strange = not scanned and not accept_implausible and float((distance > FARTHEST).mean()) > MOST_OUT
     if good.sum() < FEWEST or strange:
         raise table.error(
-            f"{int(good.sum())} of {len(point)} points are of the cut, expected at least {FEWEST} and half of all"
-            f" within {FARTHEST * 1e3:g} mm (median distance {float(np.median(distance)) * 1e3:.3g} mm); are they of"
-            f" this part, in the {'base' if in_base else 'part'} frame (--frame), in mm, with its axes?"
+            f"{int(good.sum())} of {len(point)} points are of the cut; expected at least {FEWEST}, and half of all"
+            f" within {FARTHEST * 1e3:g} mm of the path (median distance {float(np.median(distance)) * 1e3:.4g} mm)."
+            f" Are they of this part, in the {'base' if in_base else 'part'} frame (--frame), in mm, axes in its order?"
         )
     places = len(np.unique(np.round(length[good], 6)))
     if places < FEWEST:
-        raise table.error(f"{int(good.sum())} points are of {places} places of the cut, expected at least {FEWEST}")
+        raise table.error(f"{int(good.sum())} points measure {places} places of the cut, expected at least {FEWEST}")
     notes = [*table.notes, *moved]
     if scanned and sigma is None:
         notes.append(f"no standard deviation of the scan is stated (--sigma-mm): {SCAN_SIGMA * 1e3:g} mm is assumed")
     notes += [] if scanned else _describe_left_out(table, good)
     left_out, again = int((~good).sum()), find_repeated_points(table)
     if again.any() and not scanned:
-        notes.append(f"{int(again.sum())} rows are there twice, to the last digit: each counts once.")
+        notes.append(f"{int(again.sum())} rows are there twice, to the last digit: each counts once")
         good = good & ~again
     return MeasuredPath(
         length[good], deviation[good], counts[good], spread[good], left_out, tuple(notes), scanned,

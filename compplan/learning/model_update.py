@@ -260,17 +260,17 @@ def _decide(model: UpdateModel, gathered: Gathered, rms: float, held: float) -> 
     """Decide whether the correction is supported, and return the reason; deviations within the noise support it."""
     if _is_chance(model, gathered):
         return True, (
-            f"the measured deviation of {rms * 1e3:.3g} mm rms is no more than instrument, repeatability, clamping and"
-            " the force of each part by itself make by chance: the program takes off what is expected to repeat"
+            f"the measured deviation of {rms * 1e3:.3g} mm rms may come by chance from instrument, repeatability,"
+            " clamping and force: the program corrects only what is expected to repeat"
         )
     if held >= rms:
         return False, (
-            f"on stretches that were left out in turn the correction leaves {held * 1e3:.3g} mm rms where"
-            f" {rms * 1e3:.3g} mm were measured: the part does not support the step, the program stays as it is"
+            f"on stretches of the part left out of the fit {held * 1e3:.3g} mm rms remain with the correction and"
+            f" {rms * 1e3:.3g} mm without it, the program stays as it is"
         )
     return True, (
-        f"on stretches that were left out in turn the correction leaves {held * 1e3:.3g} mm of the"
-        f" {rms * 1e3:.3g} mm rms that were measured"
+        f"on stretches of the part left out of the fit the correction leaves {held * 1e3:.3g} mm of the measured"
+        f" {rms * 1e3:.3g} mm rms"
     )
 
 

@@ -54,8 +54,8 @@ from compplan.uncertainty.touch_off import TouchedPart, build_touch_model, is_la
 MOST_PLACES = 5000
 #: Advice for a rigid displacement of the part: the points alone do not separate clamping from robot errors.
 WHOLE_PART = (
-    "--align best_fit takes that off, [noise] part_frame_mm of the job allows for how parts are clamped, --align datum"
-    " learns it as the robot's"
+    "--align best_fit removes it, --align datum learns it as an error of the robot, [noise] part_frame_mm in the job"
+    " states how far the clamping may be off"
 )
 #: Greatest median ratio of deviation to 95 % band (assumed: the uncertainties of a robot folder are rough).
 POSSIBLE = 4.0
@@ -181,13 +181,13 @@ def learn_from_part(
     robot = robot_name if isinstance(robot_name, Robot) else load_robot(robot_name)
     old = read_residual(residual_file(robot, job), robot)
     job = job.with_context(force=(read_learned_force(robot.folder, job.process),))
-    announce("the plan that was cut")
+    announce("plan of the part that was cut")
     nominal, before = plan_learned(job, robot, old)
     matched = match_points(
         points, nominal, job.T_base_part, in_base=in_base, align=align or "datum", sigma=sigma, accept_implausible=sure,
         surface=surface,
     )  # fmt: skip
-    announce("what the part teaches")
+    announce("fit force and robot")
     whole = read_force_spread(job)
     cut = linearise_cut(before, nominal, whole.of_all())
     slopes, known, length = cut.slopes, cut.known, cut.length[cut.slopes.rows]
@@ -200,7 +200,7 @@ def learn_from_part(
     allowed = old is not None or align == "best_fit" or read_placement(job.noise) is not None
     rigid, beyond = ("", False) if allowed else describe_whole(gathered, slopes.tip, job.T_base_part[:3, :3], expected)
     if beyond and align is None and not sure:
-        raise points.error(f"{rigid}; was the part there? {WHOLE_PART}")
+        raise points.error(f"{rigid}; was the part clamped elsewhere? {WHOLE_PART}")
     model_update = learn_part(slopes, known, gathered, cut.exact, own, None if old is None else old.typical)
     taken = model_update.taken
     transfer = partial(transfer_to_paths, known=known, spread=whole) if taken else transfer_nothing
@@ -208,7 +208,7 @@ def learn_from_part(
     residual = old
     if taken:
         residual, model_update = add_residual(old, model_update, cut, before.task, others)
-    announce("the plan that follows")
+    announce("plan of the next part")
     job = job.with_context(force=(others.force,))
     after = plan_learned(job, others.robot, residual)[1] if taken else before
     after = with_band(after, model_update, slopes, known) if residual is not None else after
@@ -225,7 +225,7 @@ def _list_notes(
     """Return the notes of an update: reason, transfer, points left out, and long moves."""
     if not model_update.taken:
         return (model_update.reason, *matched.notes)
-    whole = [f"{rigid}: learned as an error of the robot"] if rigid else []
+    whole = [f"{rigid}; it is learned as an error of the robot"] if rigid else []
     longest = float(nominal.steps[~nominal.rapid[1:]].max(initial=0.0))
     coarse = f"moves longer than {LONG_MOVE * 1e3:g} mm are corrected at their ends only; sample them finer"
     return (
@@ -242,10 +242,9 @@ def check_plausible(points: Table, gathered: Gathered, band: Array) -> None:
     size = np.linalg.norm(gathered.deviation, axis=1)
     if float(np.median(size / np.maximum(band, 1e-12))) > POSSIBLE:
         raise points.error(
-            f"the points are {float(np.median(size)) * 1e3:.3g} mm off (median), {np.median(size / band):.2g} times the"
-            f" {float(np.median(band)) * 1e3:.3g} mm that robot folder, force and instrument allow with 95 %; is it"
-            " this part, in this unit and frame, at the place of the job? --align best_fit removes a shift of the whole"
-            " part, --assume-ok learns it as it is"
+            f"the points are {float(np.median(size)) * 1e3:.3g} mm off the path (median), {np.median(size / band):.2g}"
+            f" times the 95 % band of {float(np.median(band)) * 1e3:.3g} mm; check part, unit, frame and [part] of the"
+            " job. --align best_fit removes a shift of the whole part, --assume-ok learns the points as they are"
         )
 
 

@@ -53,7 +53,9 @@ def choose_transfer(model: UpdateModel, gathered: Gathered, *, learned: bool = F
     """
     part = np.minimum(STRETCHES * np.arange(len(gathered.row)) // max(len(gathered.row), 1), STRETCHES - 1)
     if not part.any():
-        return Transfer(False, False, "the part was measured at one place alone", (np.inf,) * 3)
+        return Transfer(
+            False, False, "not used for other paths: only one place of the part was measured", (np.inf,) * 3
+        )
     left = np.zeros((3, *gathered.deviation.shape))
     for test, state in learn_without(model, gathered, part):
         rows = gathered.row[test]
@@ -66,10 +68,10 @@ def choose_transfer(model: UpdateModel, gathered: Gathered, *, learned: bool = F
     pushes = bool(np.any(model.slopes.shared[:, :, 0]))
     force = pushes and bool(rms[1] < (1.0 / FORCE if learned else FORCE) * rms[0])
     robot = bool(rms[2] < ROBOT * min(rms[0], rms[1]))
-    names = ("nothing", "the force", "both")
-    errors = ", ".join(f"{1e3 * value:.3g} mm with {name}" for value, name in zip(rms, names, strict=True))
+    names = ("without", "with the force", "with both")
+    errors = ", ".join(f"{1e3 * value:.3g} mm {name}" for value, name in zip(rms, names, strict=True))
     chosen = "force and robot" if robot and pushes else "the robot" if robot else "the force" if force else "nothing"
-    reason = f"transferred to other paths: {chosen}; error on left-out stretches of the part: {errors}"
+    reason = f"used for other paths too: {chosen} (rms deviation on left-out stretches of this part: {errors})"
     return Transfer(force or (robot and pushes), robot, reason, (float(rms[0]), float(rms[1]), float(rms[2])))
 
 

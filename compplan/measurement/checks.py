@@ -88,8 +88,8 @@ def describe_unit(measured: Array, predicted: Array) -> str:
     far = expected >= np.median(expected)
     ratio = float(np.median(seen[far] / expected[far]))
     unit = next((name for factor, name in UNITS.items() if abs(ratio / factor - 1.0) < ALIKE), "")
-    said = f"measured distances are {ratio:.3g} times those of the joints; are the positions in {unit}"
-    return f"{said}, in columns named mm?" if unit else ""
+    said = f"distances between measured points are {ratio:.3g} times those of the predicted tips"
+    return f"{said}; are the positions in {unit}, although the columns are named mm?" if unit else ""
 
 
 def check_unit(campaign: Campaign, predicted: Array) -> None:

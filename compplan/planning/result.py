@@ -33,6 +33,8 @@ from compplan.uncertainty.touch_off import read_touch, touch_part
 
 #: Most limits listed in a sentence.
 LISTED = 3
+#: Coordinates of the part below which they may be metres: so near to the base no arm reaches (assumed). [mm]
+MOST_METRES = 10.0
 
 
 @dataclass(frozen=True, repr=False)
@@ -169,6 +171,8 @@ class Plan(Shown):
         far = [k for k in rows if failures[k] != CORRECTION_LIMIT]
         if start is not None and start.cause and far:
             word, stops, rest, rows = "are out of reach", start.cause, len(rows) - len(far), far
+            place = np.abs((0.0,) if self.job is None else self.job.part.position_mm).max()
+            stops += "; is the position of the part in metres, not in mm" if 0.0 < place < MOST_METRES else ""
             stops += f"; {rest} others need more correction than plan.max_correction_mm" if rest else ""
         elif not far:
             most = 1e3 * self.task.max_correction

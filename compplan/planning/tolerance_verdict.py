@@ -141,7 +141,7 @@ def explain_limits(failures: Mapping[int, str], before: Array) -> tuple[str, str
     place, change = "compplan place JOB", list[str]()
     if beyond:
         most = 1e3 * float(before[beyond].max())
-        change.append(f"Raise plan.max_correction_mm above {most:.3g} ({len(beyond)} waypoints)")
+        change.append(f"Raise plan.max_correction_mm above {most:.4g} ({len(beyond)} waypoints)")
     if others := len(failures) - len(beyond):
         change.append(
             f"for the other {others}: {place}" if beyond else f"Move the part: {place} finds a place in reach"

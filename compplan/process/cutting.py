@@ -37,6 +37,8 @@ from compplan.toolpath.toolpath import Toolpath, interpolate
 
 #: Inclination of the tool axis from its mean above which a note is written. [deg]
 MOST_INCLINATION = 30.0
+#: Width of the stock, as a share of that of the path, below which its unit may be wrong (assumed: an inch is 25.4 mm).
+LEAST_STOCK = 0.1
 #: Valid range of the feed a tooth. [mm]
 FEED_PER_TOOTH = (1e-5, 3.0)
 #: The full edge force acts where the edge moves outwards by at least this share of the feed, and from this feed a tooth
@@ -221,13 +223,17 @@ def prepare_cutting(
     position, axes = toolpath.position @ R_view, toolpath.axis @ R_view
     stock, notes = read_stock(process.stock, cutter, toolpath, stock_top, R_view, job)
     size = np.ptp(stock.box, axis=0)[:2].max()
+    mesh = process.stock is not None and process.stock.mesh is not None
+    unit = f"; is its unit right (process.stock.unit, now {process.stock.unit})?" if process.stock and mesh else ""
     if 2.0 * cutter.radius > size:
         message = (f"is {process.diameter_mm:g}, larger than the stock, which is {1e3 * size:.4g} mm across the tool "
-                   "axis; give the stock that is cut")  # fmt: skip
+                   f"axis{unit or '; give the stock that is cut'}")  # fmt: skip
         raise InputError(message, file=job, where="process.diameter_mm")
     cuts = [Cut(p.cutter(), t.position @ R_view, t.axis @ R_view, ~t.rapid) for p, t in before]
     stock, left_out = take_away(stock, cuts)
     notes += left_out
+    if unit and size < LEAST_STOCK * np.ptp(position[cutting], axis=0)[:2].max(initial=0.0):
+        notes.append(f"The stock is only {1e3 * size:.3g} mm across, far less than the path{unit}")
     found = find_engagement(cutter, position, cutting, stock, axis=axes)
     if before and not found.touches.any():
         notes.append("This tool touches no stock: earlier tools left none on its path.")
@@ -236,7 +242,7 @@ def prepare_cutting(
         message = (f"no cutting move meets the stock, which reaches from {_place(np.minimum(low, high))} to "
                    f"{_place(np.maximum(low, high))} mm, while the path goes from "
                    f"{_place(1e3 * toolpath.position.min(axis=0))} to {_place(1e3 * toolpath.position.max(axis=0))} mm "
-                   "(part frame)")  # fmt: skip
+                   f"(part frame){unit}")  # fmt: skip
         raise InputError(message, file=job, where="process.stock")
     notes += _describe_lean(axes[cutting]) + _describe_cut(process, toolpath, found, job)
     shape = process.shape(found)

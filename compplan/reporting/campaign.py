@@ -11,10 +11,11 @@ from compplan.controllers.writers import build_program, write_program
 from compplan.io.display import Curve, Curves
 from compplan.io.palette import CATEGORIES
 from compplan.io.provenance import describe_origin
-from compplan.io.quantities import format_length, format_mm
+from compplan.io.quantities import format_length, format_mm, format_mm_change, format_percent
 from compplan.io.tables import write_json, write_table, write_text
 from compplan.io.transaction import list_files, replace_folder
 from compplan.learning.campaign import PoseCampaign
+from compplan.learning.design import WORTH
 from compplan.measurement.observations import READING, Observations
 from compplan.reporting.charts import draw_curves
 from compplan.reporting.page import Cell, Chart, DataTable, Section, Summary, render_page
@@ -26,8 +27,8 @@ from compplan.toolpath.toolpath import WRENCH_HEADERS
 
 #: Task at a pose, for instruments other than a tracker.
 TASKS = {
-    "sockets": "let the ball sit in the socket of the row and write the joints down as they are",
-    "gauge": "write the reading of the row's gauge down, which grows along dir",
+    "sockets": "set the ball into the socket of the row and enter the joint positions of the controller",
+    "gauge": "enter the reading of the row's gauge in reading_mm; it grows along dir",
 }
 
 
@@ -58,14 +59,14 @@ def _write_log(campaign: PoseCampaign, file: Path) -> None:
     columns["sigma_mm"] = np.full(2 * n, campaign.equipment.sigma * 1e3)
     write_table(file, columns, decimals=7)
     task = TASKS.get(campaign.equipment.instrument, "measure")
-    todo = f"approach from the next row (it stays without a measurement), then {task}"
+    todo = f"the next row is the start of the approach (enter nothing there); at the row after it {task}"
     head, *rows = file.read_text(encoding="utf-8").splitlines()
     lines = [head]
     for k in range(n):
         load = f"{poses.weight[k]:g} kg" if poses.weight[k] else "no weight"
         x, y = poses.wrench[k, :2]
         pull = f", pull {x:g}, {y:g}, 0 N" if x or y else ""
-        worth = f"{campaign.rank[k]} in worth" if k < n - 1 else "the first once more"
+        worth = f"rank {campaign.rank[k]}" if k < n - 1 else "pose 1 again"
         lines += [f"# pose {k + 1} ({worth}): {load}{pull}; {todo}"]
         lines += rows[2 * k : 2 * k + 2]
     write_text(file, "\n".join(lines) + "\n")
@@ -97,8 +98,8 @@ def _describe_instrument(observations: Observations, sigma: float) -> str:
     known = observations.known
     for pair, length, own in zip(known.between.tolist(), known.length, known.sigma, strict=True):
         between = ", ".join(f'"{observations.names[one]}"' for one in pair)
-        lines += ["[[distance]]  # measure it: the plate's own, not the asked one", f"between = [{between}]",
-                  f"mm = {1e3 * length:g}", f"sigma_mm = {1e3 * own:g}"]  # fmt: skip
+        lines += ["[[distance]]  # replace mm by the measured distance of the two sockets",
+                  f"between = [{between}]", f"mm = {1e3 * length:g}", f"sigma_mm = {1e3 * own:g}"]  # fmt: skip
     return "\n".join(lines) + "\n"
 
 
@@ -152,13 +153,14 @@ def summarise_campaign(campaign: PoseCampaign) -> dict[str, Any]:
 
 def describe_campaign(campaign: PoseCampaign) -> str:
     """Describe the number of useful poses and the expected reduction of the 95 % band."""
-    choice = campaign.choice
-    useful = len(choice.rows) if choice.enough is None else choice.enough
-    ends = " to ".join(format_mm(float(choice.greatest[k])) for k in (0, useful))
-    text = f"{useful} poses are enough: they narrow the 95 % band on this path from {ends}."
+    choice, every = campaign.choice, len(campaign.choice.rows)
+    useful = every if choice.enough is None else choice.enough
+    change = format_mm_change(float(choice.greatest[0]), float(choice.greatest[useful]))
+    head = f"{useful} of {every} poses are enough" if useful < every else f"All {every} poses are worth measuring"
+    text = f"{head}: at the worst point of the path the 95 % band narrows {change}."
     if useful == 0:
-        text = "No further pose is worth measuring: none narrows the band on this path."
-    return f"{text} {campaign.log} rows of the log count already." if campaign.log else text
+        text = "No further pose is worth measuring: none narrows the 95 % band of this path."
+    return f"{text} The {campaign.log} measured rows of --log are included." if campaign.log else text
 
 
 def _render(campaign: PoseCampaign) -> str:
@@ -176,14 +178,14 @@ def _render(campaign: PoseCampaign) -> str:
     dots = "the tip at the poses, numbered"
     if campaign.fixtures:
         tip, labels = np.array([one.place for one in campaign.fixtures]), [one.label for one in campaign.fixtures]
-        dots = "the places that are put up"
+        dots = "where sockets or gauges are put up"
     figure.add(
         "scatter3d", x=1e3 * tip[:, 0], y=1e3 * tip[:, 1], z=1e3 * tip[:, 2], mode="markers+text", name="poses",
         text=labels, marker={"size": 5, "color": CATEGORIES[1]},
     )  # fmt: skip
     scene = Chart(figure, f"Dots: {dots}. Line: the path.", 460)
     sections = [
-        Section("What it brings", [brings], "The 95 % band of the true tip on this path."),
+        Section("What it brings", [brings], "The 95 % band of single points of this path."),
         Section("Poses", [scene, _list_poses(campaign)],
                 "In the order of measuring. Approach each from the stated side, let it settle, then measure."),
         Section("What remains", [list_leading(campaign.rest)], "What would narrow the band most afterwards."),
@@ -191,15 +193,11 @@ def _render(campaign: PoseCampaign) -> str:
     if campaign.fixtures:
         rows = [[one.label, *(float(v) for v in 1e3 * one.place), one.instruction] for one in campaign.fixtures]
         table = DataTable(["label", *(f"{name} [mm, 4]" for name in "xyz"), "put up"], rows)
-        about = "In the robot's base frame; within centimetres is enough where nothing else is said."
+        about = "In the robot's base frame. A few centimetres off is close enough unless the line states less."
         sections.insert(2, Section("Where it stands", [table], about))
-    warning = ""
-    if len(campaign.touching):
-        numbers = ", ".join(str(k + 1) for k in campaign.touching)
-        warning = f"On the straight joint move to pose {numbers} the arm touches something: go around by hand."
     return render_page(
         f"{plan.name}: {len(campaign.poses) - 1} poses to measure", open_campaign(campaign), sections,
-        kind=f"Campaign, {plan.robot.name}", warning=warning, notes=campaign.notes,
+        kind=f"Campaign, {plan.robot.name}", notes=campaign.notes,
         provenance=describe_robot(plan.robot, [("known from", campaign.design.known.source)]),
     )  # fmt: skip
 
@@ -211,30 +209,31 @@ def open_campaign(campaign: PoseCampaign) -> Summary:
     useful = len(choice.rows) if choice.enough is None else choice.enough
     tone = "good" if then < 0.8 * now or (campaign.log and useful == 0) else "unsure"
     figures = [
-        (format_mm(now), "95 % band at its widest point, now"),
-        (format_mm(then), f"expected after all {len(choice.rows)} poses", tone),
-        (str(useful), "poses that are worth measuring; each further one brings less than 0.5 %"),
-    ]
+        (format_mm(now), "95 % band now, at the worst point of the path (of the whole cut it is wider, see plan)"),
+        (format_mm(then), f"expected there after all {len(choice.rows)} poses", tone),
+        (str(useful), f"poses to measure; each further one narrows the rms band by less than {format_percent(WORTH)}"),
+    ][: 2 if choice.enough is None else 3]
     count, floor = np.arange(float(len(choice.rms))), float(campaign.design.floor.max())
-    lines = (Curve("at its widest point", count, 1e3 * choice.greatest, "after", "lines+markers"),
+    lines = (Curve("at the worst point", count, 1e3 * choice.greatest, "after", "lines+markers"),
              Curve("rms", count, 1e3 * choice.rms, 3, "lines+markers"))  # fmt: skip
-    level = (1e3 * floor, "no pose lowers the widest point below")
+    level = (1e3 * floor, "no pose narrows it further")
     chart = draw_curves(Curves("", "poses measured", "95 % band [mm]", lines, level))
     caption = (
-        f"Dashed: {format_length(floor)} remain from force, repeatability and unmodelled errors. Cut and"
-        " measure a part for those (compplan learn)."
+        f"Dashed: {format_length(floor)} remain at the worst point from force, repeatability and unmodelled errors."
+        " A measured part narrows those (compplan learn)."
     )
     frames = f" --register {','.join(campaign.equipment.frames)}" if campaign.equipment.frames else ""
     if campaign.equipment.instrument != "tracker":
         frames = f" --instrument OUT/instrument.toml{frames}"
-    todo = (
-        "Measure the poses in the order of the list and fill in campaign.csv. Then: compplan diagnose OUT/campaign.csv "
-    )
-    todo += f"--robot ROBOT{frames} --out updated."
+    robot = "ROBOT" if campaign.plan.job is None else campaign.plan.job.robot
+    todo = "Measure the poses in the order of campaign.csv and fill in their readings there, then run: compplan"
+    todo += f" diagnose OUT/campaign.csv --robot {robot}{frames} --out updated"
     if useful == 0:
-        todo = "Load the tool at the poses (--weights-kg, --pull-N), or cut and measure a part: compplan learn JOB "
-        todo += "MEASURED.csv --robot ROBOT."
-    return Summary(describe_campaign(campaign), tone, figures, Chart(chart, caption, 340), todo)
+        todo = "Load the tool at the poses (--weights-kg, --pull-N), or cut and measure a part, then run: compplan"
+        todo += f" learn JOB MEASURED.csv --robot {robot}"
+    poses = ", ".join(str(k + 1) for k in campaign.touching)
+    stops = [f"On the straight joint move to pose {poses} the arm collides: move it around by hand."] if poses else []
+    return Summary(describe_campaign(campaign), tone, figures, Chart(chart, caption, 340), todo, stops)
 
 
 def _list_poses(campaign: PoseCampaign) -> DataTable:
@@ -251,6 +250,6 @@ def _list_poses(campaign: PoseCampaign) -> DataTable:
              *(float(v) for v in 1e3 * poses.tip[k])]
         )  # fmt: skip
     joints = [f"q{k + 1} [{'mm' if slides else 'deg'}, 5]" for k, slides in enumerate(robot.prismatic)]
-    columns = ["pose", "worth", *joints, "joints come", "weight", "pull [base axes]", *(f"{a} [mm, 5]" for a in "xyz")]
-    caption = "Worth: 1 brings the most. The tip's place is that of the loaded tip."
+    columns = ["pose", "rank", *joints, "joints come", "weight", "pull [base axes]", *(f"{a} [mm, 5]" for a in "xyz")]
+    caption = "Rank 1 narrows the band most. x, y, z: loaded tool tip, base frame."
     return DataTable(columns, rows, caption, scroll=24)

@@ -151,7 +151,7 @@ def render_diagnosis(
 
 
 def open_diagnosis(
-    table: Mapping[str, Any], gap: Mapping[str, float | None], delivered: str, picture: Block, todo: str,
+    table: Mapping[str, Any], gap: Mapping[str, float | None], delivered: str, picture: Block | None, todo: str,
     small: float = 0.0,
 ) -> Summary:  # fmt: skip
     """Return the first screen: identified effects, and the error before and after the update.
@@ -163,30 +163,29 @@ def open_diagnosis(
     first = "; ".join(describe_effect(effect) for effect in effects[:2])
     first += f"; and {len(effects) - 2} more" if len(effects) > 2 else ""
     taken_up = words.reaches_noise(gap, delivered)
-    alone = " by itself, but calibration takes it up to the noise" if taken_up else ""
+    alone = " alone, but the calibrated model reduces it to the noise" if taken_up else ""
     verdicts = {
-        "none": ("Nothing is wrong: what is left is noise of the measurement.", "good"),
+        "none": ("No error found: the gap is not larger than the measurement noise.", "good"),
         "unknown": (f"No known effect explains the gap{alone}.", "unsure"),
-        "calibrated": ("The robot was not calibrated: many small errors, none of them a cause by itself.", "good"),
+        "calibrated": ("The robot is not calibrated: the gap comes from many small errors, none dominates.", "good"),
         "explained": (f"Found: {first}.", "good"),
     }
     if any(effect.get("ambiguous_with") for effect in effects):
-        verdicts["explained"] = (f"Found, but not for certain: {first}.", "unsure")
-    left = "The rest has no name, but calibration takes it up to the noise." if taken_up else (
+        verdicts["explained"] = (f"Found, but another effect fits as well: {first}.", "unsure")
+    left = "The rest matches no known effect, but the calibrated model reduces it to the noise." if taken_up else (
         "A part of the gap is not explained.")  # fmt: skip
     if small > 0.5:
-        left = f"Most of the gap is small errors, as of a robot that was not calibrated. {left}"
-    verdict, tone = verdicts.get(status, (f"Found in part: {first}. {left}", "unsure"))
+        left = f"Most of the gap comes from many small errors, as of an uncalibrated robot. {left}"
+    verdict, tone = verdicts.get(status, (f"Found: {first}. {left}", "unsure"))
     figures: list[tuple[str, ...]] = []
     after, before = gap.get("held_out_after_rms_mm"), gap.get("held_out_before_rms_mm")
     if before is not None and after is not None:
         figures = [
-            (format_mm(1e-3 * before), "rms error of the robot model before"),
-            (format_mm(1e-3 * after), "rms error of the updated one; both on rows not used for the fit",
-             "good" if after < 0.5 * before else ""),
+            (format_mm(1e-3 * before), "rms error of the robot model before, at poses not used for the fit"),
+            (format_mm(1e-3 * after), "the same of the updated model", "good" if after < 0.5 * before else ""),
         ]  # fmt: skip
     if floor := gap.get("noise_floor_mm"):
-        figures.append((format_mm(1e-3 * floor), "noise of the measurement"))
+        figures.append((format_mm(1e-3 * floor), "measurement noise"))
     return Summary(verdict, tone, figures, picture, todo)
 
 

@@ -20,8 +20,8 @@ UNITS = {
 } | {unit: unit for unit in ("mm", "um", "m", "deg", "mrad", "urad", "rad", "N", "kg", "s", "ms", "K")}  # fmt: skip
 
 #: Descriptions of the outcomes of planted effects.
-OUTCOMES = {"found": "found", "tied": "named as one that fits as well", "confused": "taken for another",
-            "missed": "not named"}  # fmt: skip
+OUTCOMES = {"found": "found", "tied": "named as an effect that fits as well", "confused": "named as another effect",
+            "missed": "not found"}  # fmt: skip
 
 
 def name_effect(effect: Mapping[str, Any]) -> str:
@@ -47,6 +47,9 @@ def describe_parameters(parameters: Mapping[str, Any], ends: Mapping[str, Any] |
         name = (key[: -len(unit) - 1] if unit else key).replace("_", " ")
         size, label = (1e3, f"m{unit}") if unit in ("m", "rad") else (1, UNITS.get(unit, ""))
         low, high = (_show(end, size) for end in ends[key]) if ends and key in ends else ("", "")
+        if name == "axes":
+            parts.append(f"in {value} axes")
+            continue
         parts.append(f"{name} {_show(value, size)} {label}".rstrip() + (f", 95 %: {low} to {high}" if low else ""))
     return "; ".join(parts)
 
@@ -70,10 +73,11 @@ def list_effects(effects: Sequence[Mapping[str, Any]]) -> list[str]:
         size = (
             f"compliance {size} (95 %)" if size else describe_parameters(effect["parameters"], effect.get("interval95"))
         )
-        rivals = " or ".join(name_effect(rival) for rival in effect.get("ambiguous_with", [])[:3])
+        rivals = "; ".join(name_effect(rival) for rival in effect.get("ambiguous_with", [])[:3])
         lines.append(
-            f"  {place}: probability {effect['probability']:.2f}, moves the tip "
-            f"{format_length(1e-3 * effect['explained_rms_mm'])}; {size}" + (f"; or it is {rivals}" if rivals else "")
+            f"{place}: probability {effect['probability']:.2f}, moves the tip by "
+            f"{format_length(1e-3 * effect['explained_rms_mm'])} (rms); {size}"
+            + (f"; causes that fit as well: {rivals}" if rivals else "")
         )
     return lines
 
@@ -97,16 +101,17 @@ def describe_next(verdict: Mapping[str, Any], delivered: str, poses: str) -> str
     if doubtful:
         rivals = join_names([name_effect(rival) for rival in doubtful[0]["ambiguous_with"][:2]])
         later = f" Until then: {todo[:1].lower()}{todo[1:]}" if delivered != "nominal" else ""
-        return f"{more}, to tell {name_effect(doubtful[0])} from {rivals}: the measurements fit either.{later}"
+        return f"{more}, to distinguish {name_effect(doubtful[0])} from {rivals}, which fit as well.{later}"
     if verdict["status"] == "none":
-        return "Nothing has to be done. Measure again after the next crash or service."
-    return f"Nothing predicts better than the robot folder as it was. {more}." if delivered == "nominal" else todo
+        return "Nothing to do now. Measure again after the next collision or service."
+    same = "The robot model is delivered unchanged: no update predicts poses outside the fit better"
+    return f"{same}. {more}." if delivered == "nominal" else todo
 
 
 def list_poses(table: Mapping[str, Any], where: str) -> str:
     """Return a phrase for the next poses to measure: those of diagnosis.json, listed at `where`, or others."""
     listed = any(step.get("poses") for step in table["next_measurement"])
-    return f"as listed {where}" if listed else "other ones than these"
+    return f"as listed {where}" if listed else "other ones than in this log"
 
 
 def describe_self_test(tested: Mapping[str, Any]) -> list[str]:
@@ -141,15 +146,13 @@ def describe_structure(diagnosis: Diagnosis) -> list[str]:
         return []
     # effects opposed by small errors may move the target further than the gap: at most the gap is explained
     explained = format_length(min(structure.explained, structure.gap))
-    against = f", against {explained} that the named effects explain" if named else ""
+    against = f"; the named effects explain {explained}" if named else ""
     if structure.dependences:
         parts = [
             f"{describe_unmodelled(d.effect.joint, str(d.effect.axis))} ({format_length(d.explained)} rms)"
             for d in structure.dependences
         ]
-        beyond = "Beyond the named effects there is" if named else "No effect explains"
-        return [f"{beyond} {'; '.join(parts)}{against}."]
+        return [f"Not explained: {'; '.join(parts)}{against}."]
     return [
-        f"An error of {format_length(structure.rms)} rms is constant while the robot stands still and matches "
-        f"no effect of the vocabulary{against}."
+        f"Not explained: {format_length(structure.rms)} rms, repeatable at each pose; no known effect matches{against}."
     ]

@@ -108,17 +108,24 @@ def _render(summary: Mapping[str, Any]) -> str:
         [entry["parameter"], ", ".join(entry["together_with"]) or None, entry["reason"]]
         for entry in summary["unidentifiable"]
     ] or [["none", None, "every parameter can be determined"]]
-    about = "Values with 95 % intervals. What the folder did not have is written if it is surely above zero."
+    about = "Values with 95 % intervals. A spring that the folder lacked is written if its interval lies above zero."
     sections = [
         Section("Compliances", [_list_parameters(compliances)], about),
         Section("What cannot be determined", [DataTable(["parameter", "together with", "reason"], held, "", 24)],
-                "Held at their nominal values, and why."),
+                "Parameters held at their nominal values, with the reason."),
         Section("Gap", [_chart_gap(summary["gap"])],
                 "Root mean square of the distance between measured and predicted positions."),
     ]  # fmt: skip
     if geometry:
         fold = Fold(f"{len(geometry)} changes of geometry", [_list_parameters(geometry)])
-        sections.insert(1, Section("Geometry", [fold], "Fitted along, since it is wrong on poses not in the fit too."))
+        sections.insert(
+            1,
+            Section(
+                "Geometry",
+                [fold],
+                "Fitted together with the compliances, because its errors show at poses left out of the fit too.",
+            ),
+        )
     facts = [
         ("robot", str(robot)), ("positions", summary["reference"]), ("intervals from", summary["intervals_from"]),
         ("condition number", f"{summary['condition_number']:.3g}" if summary["condition_number"] else "none"),
@@ -136,16 +143,16 @@ def open_identification(summary: Mapping[str, Any]) -> Summary:
     """Return the first screen: error of the fitted robot model on held-out poses."""
     before, after = (1e-3 * summary["gap"][f"held_out_{name}_rms_mm"] for name in ("before", "after"))
     better = after < before
-    verdict = "The fit makes the robot model no better."
+    verdict = "The fit does not improve the robot model: do not plan with it."
     if better:
         verdict = f"The fitted robot model is {format_number(before / after, 2)} times closer to the measurements."
     tone, written = "good" if better else "bad", sum(1 for entry in summary["parameters"] if entry["written"])
     figures = [
-        (format_mm_change(before, after), "rms error before and after, on poses not in the fit", tone),
-        (str(written), "values are written to the robot folder"),
-        (str(summary["poses"]), f"poses, {summary['rows']} rows"),
+        (format_mm_change(before, after), "rms error before and after, at poses left out of the fit", tone),
+        (str(written), "fitted values in the robot folder"),
+        (str(summary["poses"]), f"poses measured ({summary['rows']} rows)"),
     ]
-    todo = "Plan with it: compplan plan JOB --robot OUT/robot." if better else MEASURE
+    todo = "Plan with it: compplan plan JOB --robot OUT/robot" if better else MEASURE.replace("the robot", "more poses")
     picture = (*_chart_changes(_list_compliances(summary)), _chart_gap(summary["gap"]))[0]
     return Summary(verdict, tone, figures, picture, todo)
 
@@ -157,11 +164,12 @@ def list_compliances(summary: Mapping[str, Any]) -> list[str]:
     width = max((len(entry["name"]) for entry in shown), default=0)
     for entry in shown:
         before, value, low, high = (
-            "-" if end is None else f"{end:.4g}" for end in (entry["before"], entry["value"], *entry["interval_95"])
+            "?" if end is None else f"{end:.3g}" for end in (entry["before"], entry["value"], *entry["interval_95"])
         )
-        apart = "" if entry["written"] else "not written, "
-        lines.append(f"{entry['name']:<{width}}  {before} -> {value} {entry['unit']}, {apart}95 % [{low}, {high}]")
-    return lines if shown is entries else [*lines, f"{len(entries) - len(shown)} more are in the report"]
+        apart = "" if entry["written"] else "; not written to the folder"
+        lines.append(f"  {entry['name']:<{width}}  {before} -> {value} {entry['unit']} (95 %: {low} to {high}){apart}")
+    lines = ["compliances before -> after:", *lines] if lines else []
+    return lines if shown is entries else [*lines, f"  {len(entries) - len(shown)} more in the report"]
 
 
 def _list_compliances(summary: Mapping[str, Any]) -> list[Mapping[str, Any]]:

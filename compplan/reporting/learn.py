@@ -122,9 +122,9 @@ def _render(update: LearnedPart) -> str:
         format_length(float(band.max()))
         for band in (model_update.band_before, model_update.band_after, model_update.band_seen[1])
     )
-    expected = f"The band narrows from {before} to {after} at its widest"
+    expected = f"At the worst point of the path the band narrows from {before} to {after}"
     if not model_update.taken:
-        expected = f"Nothing changes: the band stays at {before} at its widest"
+        expected = f"Nothing changes: at the worst point of the path the band stays at {before}"
     lines = (
         Curve("before", length, 1e3 * model_update.band_before, "before"),
         Curve("after", length, 1e3 * model_update.band_after, "after"),
@@ -133,7 +133,7 @@ def _render(update: LearnedPart) -> str:
         ),
     )
     figure = draw_curves(Curves("", "along the path [mm]", "95 % band [mm]", lines))
-    bands = Chart(figure, "95 % band of the true tip. Dotted: in the directions that were measured alone.", 320)
+    bands = Chart(figure, "95 % band of the true tip. Dotted: only in the directions that were measured.", 320)
     sections = [Section("The next part", [bands], f"{expected}; in the directions that were measured it is {seen}.")]
     if model_update.taken:
         sections.insert(0, Section("What explains it", [_list_causes(update), _list_learned(update)]))
@@ -152,37 +152,38 @@ def open_update(update: LearnedPart) -> Summary:
     lines = [Curve("measured", 1e3 * measured.length[few], dots, "before", "markers")]
     together = model_update.physics + model_update.pushed + model_update.residual
     parts = (("the robot", model_update.physics, 2), ("the force", model_update.pushed, 4),
-             ("the path itself", model_update.residual, 3), ("all three together", together, "after"))  # fmt: skip
+             ("this path only", model_update.residual, 3), ("all three together", together, "after"))  # fmt: skip
     for name, part, role in parts if model_update.taken else ():
         seen = np.einsum("bij,bj->bi", gathered.counts, part[gathered.row])
         lines.append(Curve(name, at, 1e3 * np.linalg.norm(seen, axis=1), role))
     curves = Curves("", "along the path [mm]", "distance [mm]", tuple(lines))
-    caption = "Dots: measured. Lines: what explains it; distances without sign, in the directions that were measured."
+    caption = "Dots: measured. Lines: the part explained by each cause. Distances in the measured directions, unsigned."
     if not model_update.taken:
-        caption = "The distances that were measured, without sign."
+        caption = "Measured distances from the path, unsigned."
     picture = Chart(draw_curves(curves), caption, 340)
     if not model_update.taken:
         reason = re.sub(r"[:,] the program stays as it is$", "", model_update.reason)
         verdict = f"The program stays as it is: {reason}."
         figures = [(format_mm(model_update.rms), "rms deviation of the measured part")]
-        todo = "Measure more points or another part, and learn again: compplan learn JOB MEASURED --robot OUT/robot."
+        todo = "Measure more points or another part, then run: compplan learn JOB MEASURED --robot OUT/robot"
         return Summary(verdict, "unsure", figures, picture, todo)
     better, checked = model_update.expected < model_update.rms, model_update.held_out < model_update.rms
     ends = [float(band.max()) for band in (model_update.band_before, model_update.band_after)]
-    verdict = "The new program should make the next part better."
+    change = format_mm_change(model_update.rms, model_update.expected)
+    verdict = f"The corrected program should reduce the rms deviation of the next part: {change}."
     if not better and ends[1] < ends[0]:
-        verdict = f"The part narrows the 95 % band of the next one: {format_mm_change(*ends)}."
+        verdict = f"The corrected program narrows the 95 % band of the next part: {format_mm_change(*ends)}."
     elif not better:
-        verdict = "The program is corrected by what was measured; the next part may be as far off."
+        verdict = "The program is corrected, but the next part may deviate as much as this one."
     taken = [
         (format_mm_change(model_update.rms, model_update.held_out),
-         "rms deviation of this part, and left of it on stretches not used for the correction",
+         "rms deviation of this part: as measured, and with the correction on stretches left out of its fit",
          "good" if checked else ""),
         (format_mm(model_update.expected),
-         "rms deviation expected of the next part, in all directions and with a force that varies from part to part"),
-        (format_mm(float(model_update.band_after.max())), "95 % band of the next part at its widest"),
+         "rms deviation expected of the next part (all directions; the force varies from part to part)"),
+        (format_mm(float(model_update.band_after.max())), "95 % band of the next part, at the worst point of the path"),
     ]  # fmt: skip
-    todo = "Cut the next part with the new program and measure it. Then: compplan learn JOB MEASURED --robot OUT/robot."
+    todo = "Cut the next part with the new program, measure it, then run: compplan learn JOB MEASURED --robot OUT/robot"
     return Summary(verdict, "good" if better or ends[1] < ends[0] else "unsure", taken, picture, todo)
 
 
@@ -191,12 +192,12 @@ def _list_causes(update: LearnedPart) -> DataTable:
     rows = [
         [f"measured deviation, {len(update.measured)} points", 1e3 * model_update.rms],
         ["the robot's parameters", 1e3 * _rms(model_update.physics)],
-        ["the force, other than predicted", 1e3 * _rms(model_update.pushed)],
-        ["the path itself", 1e3 * _rms(model_update.residual)],
-        ["left on stretches that were not used",
+        ["the difference from the predicted force", 1e3 * _rms(model_update.pushed)],
+        ["this path only", 1e3 * _rms(model_update.residual)],
+        ["remaining on stretches left out of the fit",
          Cell(1e3 * model_update.held_out if np.isfinite(model_update.held_out) else None, "strong")],
     ]  # fmt: skip
-    caption = "Robot, force and path can have the same effect; this is the likeliest division."
+    caption = "Robot, force and path can cause the same deviation; this is the most probable division."
     return DataTable(["", "rms [mm]"], rows, caption)
 
 

@@ -11,7 +11,7 @@ import base64
 import gzip
 import json
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
@@ -27,6 +27,10 @@ TEMPLATES = Path(__file__).parent / "templates"
 PLOTLY = Path(__file__).parent / "plotly" / "plotly.min.js.gz"
 #: Pattern of a command in a sentence: options with values, words in capitals, and files.
 COMMAND = r"compplan [a-z]+(?: --[a-z-]+(?: (?:[\w/.,-]*\w))?| [A-Z]{2,}[\w/.]*\b| [\w./-]+\.(?:csv|toml|nc)\b)*"
+#: Files of a result that are not programs: suffixes, tables named on the terminal, and other tables.
+NO_PROGRAM = {".html", ".json", ".png", ".npz", ".glb", ".bin", ".toml", ".urdf"}
+TABLES = {"campaign.csv", "forces.csv", "instrument.toml", "joints.csv", "robot"}
+NO_PROGRAM_NAMES = {*TABLES, "deviation.csv"}
 #: Significant digits of numbers in a table.
 DIGITS = 3
 
@@ -120,12 +124,31 @@ class Summary:
     sheet: Section | None = None  #: Section shown open directly below, such as the setup sheet.
 
     def format(self, folder: Path, files: Sequence[str], notes: Sequence[str] = ()) -> list[str]:
-        """Return the lines of the terminal: verdict, figures, notes, the files written to a folder, the next step."""
+        """Return the lines of the terminal: verdict, figures, points to resolve, notes, written files, next step."""
         width = max((len(figure[0]) for figure in self.figures), default=0)
         figures = [f"  {figure[0]:<{width}}  {figure[1]}" for figure in self.figures]
+        stops = [f"before the machine moves: {stop}" for stop in self.stops]
         step = self.next.replace("OUT/", f"{folder}/")
-        wrote = f"wrote {', '.join(files)} to {folder}"
-        return [self.verdict, *figures, *notes, wrote, *([f"next: {step[:1].lower()}{step[1:]}"] if step else [])]
+        next_step = [f"next: {step[:1].lower()}{step[1:]}"] if step else []
+        return [self.verdict, *figures, *stops, *notes, format_files(folder, files), *next_step]
+
+
+def is_program(file: Path) -> bool:
+    """Return whether a file of a result is a robot program, by its name."""
+    return file.suffix not in NO_PROGRAM and file.name not in NO_PROGRAM_NAMES
+
+
+def format_files(folder: Path, files: Iterable[str | Path], notes: str = "", status: str = "solved") -> str:
+    """Return the line of the written files: results, robot folder, number of programs; `notes` follows the report."""
+    inside = [file.relative_to(folder) if file.is_relative_to(folder) else file for file in map(Path, files)]
+    names = dict.fromkeys(f"{file.parts[0]}{'/' * (file.parts[0] == 'robot')}" for file in inside)
+    shown = [name for name in names if Path(name).suffix in (".html", ".json") or name.rstrip("/") in TABLES]
+    shown.sort(key=lambda name: name != "report.html")
+    count = sum(is_program(file) and file.parts[0] != "robot" for file in inside)
+    shown = [f"{name}{notes}" if name == "report.html" else name for name in shown]
+    shown += [f"{count} program file{'s' * (count > 1)}"] if count else []
+    unsafe = "" if status == "solved" or not count else f"; the programs are marked {status}: do not load them"
+    return f"wrote {', '.join(shown)} to {folder}{unsafe}"
 
 
 @dataclass(frozen=True)

@@ -24,8 +24,8 @@ def write_placement(result: PlaceResult, job: Job, folder: Path) -> dict[str, An
     unknown = ["the uncertainty of the robot (job: [posture.uncertainty])"]
     origin = Provenance([("robot", summary["robot"])], unknown if "uncertainty_assumed" in summary else [])
     html = render_page(
-        f"{summary['robot']}: where to place the part", open_placement(summary, result), [], kind="Placement",
-        provenance=origin,
+        f"{summary['robot']}: where to place the part", open_placement(summary, result, job.file.name), [],
+        kind="Placement", provenance=origin,
     )  # fmt: skip
     with replace_folder(folder, "place") as part:
         write_text(part / "report.html", html)
@@ -33,24 +33,36 @@ def write_placement(result: PlaceResult, job: Job, folder: Path) -> dict[str, An
     return summary
 
 
-def open_placement(summary: Mapping[str, Any], result: PlaceResult) -> Summary:
-    """Return the first screen: best position of the part, and expected deviation there."""
+def open_placement(summary: Mapping[str, Any], result: PlaceResult, job: str) -> Summary:
+    """Return the first screen: best position of the part, expected deviation there, and whether a plan can succeed."""
     caption = (
         "Deviation that the best posture at each place would leave at least, in a horizontal and a vertical cut "
         "through the chosen place. Blank: the path cannot be followed there."
     )
     x, y, z = summary["part"]["position_mm"]
     there, here = summary["sensitivity_mm"]["expected_rms"], summary["sensitivity_here_mm"]
-    turn = f", turned by {summary['part']['turn_deg']:g} deg" if summary["part"]["turn_deg"] else ""
-    figures: list[tuple[str, ...]] = [(f"{there:.3g}\u00a0mm", "rms deviation expected there after correction", "good")]
-    end = "; at the job's place the path cannot be followed."
+    need, allowed = summary["correction_mm"].values()
+    turn = f", turned by {summary['part']['turn_deg']:g} deg about z" if summary["part"]["turn_deg"] else ""
+    figures: list[tuple[str, ...]] = [
+        (f"{there:.3g}\u00a0mm", "rms deviation expected there after correction (robot and force as uncertain as now)"),
+        ("no solution", "at the place of the job: it is out of reach, or joints would have to jump"),
+        (f"{need:.3g}\u00a0mm", f"largest correction there; plan.max_correction_mm allows {allowed:g} mm"),
+    ]
     if here is not None:
-        end, less = ".", format_percent(1.0 - summary["ratio"])
-        figures.append((f"{here['expected_rms']:.3g}\u00a0mm", "the same at the job's place"))
-        figures.append((less, "less deviation than at the job's place", "good"))
-    todo = f"Write position_mm = [{x:g}, {y:g}, {z:g}] into [part] of the job and plan again."
-    verdict = f"Put the part at X {x:g}, Y {y:g}, Z {z:g} mm{turn}{end}"
-    return Summary(verdict, "good", figures, Chart(draw_place_map(result), caption, 360), todo)
+        less = format_percent(1.0 - summary["ratio"])
+        figures[1] = (
+            f"{here['expected_rms']:.3g}\u00a0mm",
+            f"the same at the place of the job: {less} less at the best place",
+        )
+    todo = f"In {job}, write position_mm = [{x:g}, {y:g}, {z:g}]"
+    if turn:
+        todo += f" and rotation_deg = {summary['part']['rotation_deg']} (in place of another rotation)"
+    todo += f" into [part], then run: compplan plan {job}"
+    verdict, tone = f"Best place of the part: X {x:g}, Y {y:g}, Z {z:g} mm in the robot base{turn}.", "good"
+    if need > allowed:
+        verdict, tone = f"{verdict} A plan has no solution there: the correction limit is too small.", "bad"
+        todo = f"Raise plan.max_correction_mm above {need:.3g}, or reduce the force. {todo}"
+    return Summary(verdict, tone, figures, Chart(draw_place_map(result), caption, 360), todo)
 
 
 def draw_place_map(result: PlaceResult) -> Figure:

@@ -27,7 +27,7 @@ from compplan.planning.notes import find_least_feed, find_top_feed
 from compplan.planning.tolerance_verdict import KEEPS, NOT_KNOWN
 from compplan.process.cutting import CuttingTable
 from compplan.reporting.charts import draw_curves
-from compplan.reporting.page import Block, Cell, Chart, DataTable, Section, Summary
+from compplan.reporting.page import Block, Cell, Chart, DataTable, Section, Summary, format_files, is_program
 from compplan.reporting.provenance import explain_grade
 from compplan.robot import Array
 from compplan.robot.mounting import mounted_tool
@@ -37,9 +37,6 @@ if TYPE_CHECKING:
 
 #: Tone of each verdict.
 TONES = {"keeps": "good", "may_not_keep": "bad", "not_known": "unsure"}
-#: Files of a result that are not programs, by suffix and by name.
-NO_PROGRAM = {".html", ".json", ".png", ".npz", ".glb", ".bin", ".toml", ".urdf"}
-NO_PROGRAM_NAMES = {"deviation.csv", "forces.csv"}
 #: Greatest width of a line on the terminal. [characters]
 WIDTH = 120
 #: Longest path of a job file shown in full; of longer ones only the name is shown. [characters]
@@ -98,12 +95,8 @@ def write_sheet(plan: Plan, folder: Path | None) -> Section:
 def list_programs(folder: Path) -> list[tuple[str, int, str]]:
     """List program files in a folder: name, lines, and the first digits of their checksum."""
     contents = {str(file.relative_to(folder)): file.read_bytes()
-                for file in sorted(folder.rglob("*")) if file.is_file() and _is_program(file)}  # fmt: skip
+                for file in sorted(folder.rglob("*")) if file.is_file() and is_program(file)}  # fmt: skip
     return [(name, text.count(b"\n"), hashlib.sha256(text).hexdigest()[:16]) for name, text in contents.items()]
-
-
-def _is_program(file: Path) -> bool:
-    return file.suffix not in NO_PROGRAM and file.name not in NO_PROGRAM_NAMES
 
 
 def describe_pose(pose: Array) -> str:
@@ -224,7 +217,7 @@ def format_plan(plan: Plan, folder: Path, files: Sequence[Path]) -> list[str]:
     lines = [_format_verdict(plan), _format_band(plan), cause, _format_basis(plan)]
     step = f"next: {step[0].lower()}{step[1:].rstrip('.')}"
     wrote = format_files(folder, files, count_notes(plan.notes), plan.status)
-    return [*map(_shorten, lines), *format_stops([*plan.reasons, *plan.notes]), wrote, _shorten(step)]
+    return [*map(_shorten, lines), *format_stops([*plan.reasons, *plan.notes]), wrote, step]
 
 
 def _format_band(plan: Plan) -> str:
@@ -262,18 +255,6 @@ def count_notes(notes: Iterable[str]) -> str:
     """Return the number of remarks in the report, in parentheses; "" for none."""
     count = len(list_remarks(notes))
     return f" ({count} note{'s' * (count > 1)})" if count else ""
-
-
-def format_files(folder: Path, files: Sequence[Path], notes: str = "", status: str = "solved") -> str:
-    """Return a line with the written files and the number of programs; `notes` follows the report."""
-    shown: list[str] = [
-        name for name in ("report.html", "plan.json", "joints.csv") if name in {file.name for file in files}
-    ]
-    count = len([file for file in files if _is_program(file) and file.name not in shown])
-    shown = [f"{name}{notes}" if name == "report.html" else name for name in shown]
-    shown += [f"{count} program file{'s' * (count > 1)}"] if count else []
-    unsafe = "" if status == "solved" or not count else f"; the programs are marked {status}: do not load them"
-    return f"wrote {', '.join(shown)} to {folder}{unsafe}"
 
 
 def _shorten(text: str) -> str:

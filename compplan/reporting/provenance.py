@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 GRADE_MEANING = {
     "identified": "measured on this robot",
     "literature": "from published data, not measured on your robot",
-    "scaled": "estimated from similar robots, not measured",
+    "scaled": "estimated from similar robots, not measured on your robot",
     "placeholder": "springs and masses are invented or absent, do not rely on them",
 }
 #: Words that mark a source as not measured.
@@ -38,7 +38,7 @@ def describe_robot(robot: Robot, facts: Sequence[tuple[str, str]] = (), assumpti
     rows += [(f"source of {name}", text) for name, text in robot.sources.items()]
     rows.append(("elastic model", "; ".join(elastic) or "rigid"))
     if robot.gravity is None:
-        rows.append(("gravity", "not in the model: deflection counts from the arm that hangs under its own weight"))
+        rows.append(("gravity", "not in the model: deflections are relative to the arm under its own weight"))
     if robot.effects:
         rows.append(("effects", ", ".join(sorted({str(effect.get("effect", "?")) for effect in robot.effects}))))
     doubts = [f"{name}: {text}" for name, text in robot.sources.items() if any(w in text.lower() for w in DOUBTFUL)]

@@ -137,15 +137,15 @@ def list_assumed(robot: Robot) -> list[str]:
     if robot.uncertainty is None:
         zero, length, turn = _widths(robot)
         said.append(
-            f"no {FILE} in the robot folder: assumed by its grade ({robot.grade}) are compliances to"
-            f" {COMPLIANCE[robot.grade]:.0%}, zeros to {zero:g} deg, lengths to {length:g} mm, directions to"
-            f" {turn:g} deg, lost motion and gear error of {PLAY:g} deg, tool tip to {TOOL * 1e3:g} mm,"
-            f" {UNEXPLAINED * 1e3:g} mm unexplained"
+            f"the robot folder has no {FILE}; assumed standard deviations (robot model: {robot.grade}): compliances"
+            f" {100 * COMPLIANCE[robot.grade]:g} %, joint zeros {zero:g} deg, lengths {length:g} mm, axis directions"
+            f" {turn:g} deg, lost motion and gear error {PLAY:g} deg, tool tip {TOOL * 1e3:g} mm, unexplained"
+            f" {UNEXPLAINED * 1e3:g} mm"
         )
     elif not any(unknown.effect == "tool_frame" for unknown in robot.uncertainty.unknowns):
-        said.append(f"the tool tip on the flange is assumed to be known to {TOOL * 1e3:g} mm per axis")
+        said.append(f"assumed standard deviation of the tool tip on the flange: {TOOL * 1e3:g} mm per axis")
     if robot.repeatability is None and (robot.uncertainty is None or robot.uncertainty.repeatability is None):
-        said.append(f"repeatability is assumed: {REPEATABILITY * 1e3:g} mm per axis, one standard deviation")
+        said.append(f"assumed repeatability: {REPEATABILITY * 1e3:g} mm per axis (standard deviation)")
     return said
 
 

@@ -93,7 +93,7 @@ def test_kinds_of_small_errors_stand_beside_the_names(diagnosed: tuple[Any, Spli
     split = replace(diagnosed[1], small_errors=SmallErrors({}, {}, groups))
     html = own_part(render_diagnosis(diagnosed[0], split, None, TABLE))
     largest = open_diagnosis({"status": "partly_explained", "effects": [SPRING]}, GAP, "causes", "", "", 0.78)
-    assert "Most of the gap is small errors, as of a robot that was not calibrated. A part" in largest.verdict
+    assert "Most of the gap comes from many small errors, as of an uncalibrated robot. A part" in largest.verdict
     assert "30\u00a0% to 40\u00a0%" in html and "The gap divided among all errors of the updated robot" in html
 
 

@@ -83,7 +83,7 @@ def run_identify(
     summary = write_identification(found, folder, list(campaign.notes))
     held = len(summary["unidentifiable"])
     notes = list_compliances(summary)
-    notes += [f"note: {held} parameters cannot be determined, see the report"] if held else []
+    notes += [f"note: parameters that these poses do not determine: {held}, see the report"] if held else []
     notes += [*(f"note: {note}" for note in summary["notes"]), *list_notes(campaign.notes)]
     files = ["identify.json", "report.html", "robot"]
     return CommandResult(summary, open_identification(summary).format(folder, files, notes))
@@ -110,7 +110,7 @@ def run_diagnose(
     """
     from compplan.api.verbs import diagnose_measured
     from compplan.io.display import format_figures
-    from compplan.reporting.diagnosis import deliver_diagnosis
+    from compplan.reporting.diagnosis import CALIBRATION, deliver_diagnosis, open_diagnosis
     from compplan.reporting.diagnosis_text import (
         describe_next,
         describe_self_test,
@@ -126,16 +126,17 @@ def run_diagnose(
         )
         tested = _test_diagnosis(diagnosis, perf_counter() - start, progress) if self_test else None
         table = deliver_diagnosis(diagnosis, folder, progress, tested)
-    what, headline = diagnosis.summary()[0]
-    todo = describe_next(table["verdict"], diagnosis.delivery.kind, list_poses(table, "in the report"))
-    return CommandResult(table, [
-        *(f"assumed to be meant: {question}" for question in questions),
-        f"{what}: {headline}", *list_effects(table["verdict"]["effects"]), *describe_structure(diagnosis),
-        *format_figures(diagnosis.list_figures()), *list_notes(diagnosis.fit.problem.campaign.notes),
+    verdict, kind = table["verdict"], diagnosis.delivery.kind
+    todo = describe_next(verdict, kind, list_poses(table, "in the report"))
+    small = table["where"]["by_joint"][CALIBRATION]["share"]
+    notes = [
+        *(f"accepted by --assume-ok: {question}" for question in questions),
+        *list_effects(verdict["effects"]), *describe_structure(diagnosis), *format_figures(diagnosis.list_remarks()),
+        *list_notes(diagnosis.fit.problem.campaign.notes),
         *(describe_self_test(table["self_test"]) if tested else []),
-        f"wrote diagnosis.json, report.html, robot/ to {folder}",
-        f"next: {todo.replace('OUT/robot', str(folder / 'robot'))}",
-    ])  # fmt: skip
+    ]  # fmt: skip
+    opening = open_diagnosis(verdict, table["gap"], kind, None, todo, small)
+    return CommandResult(table, opening.format(folder, ["report.html", "diagnosis.json", "robot"], notes))
 
 
 def _test_diagnosis(diagnosis: Diagnosis, seconds: float, work: Work) -> SelfTest:
@@ -238,9 +239,6 @@ def run_campaign(
         announce("report")
         summary = write_campaign(campaign, folder)
     notes = [*(f"put up {fixture.instruction}" for fixture in campaign.fixtures), *campaign.notes]
-    if len(campaign.touching):
-        poses = ", ".join(str(k + 1) for k in campaign.touching)
-        notes.append(f"the way to pose {poses} touches something: go around")
     return CommandResult(summary, open_campaign(campaign).format(folder, summary["files"], notes))
 
 
@@ -282,5 +280,5 @@ def run_learn(
         update = learn(job, measured, robot_name, progress=announce, **options)
         announce("report")
         summary = write_learning(update, folder)
-    lines = open_update(update).format(folder, summary["files"], update.notes)
+    lines = open_update(update).format(folder, summary["files"], update.notes[1:])
     return CommandResult(summary, lines, explain_failures([update.after]))

@@ -186,9 +186,8 @@ def run_place(job: Job, folder: Path) -> CommandResult:
         robot = job_robot(job)
         result = place_part(job, robot, announce, posture_errors(job, robot))
     summary = write_placement(result, job, folder)
-    part = [f"[part] position_mm = {summary['part']['position_mm']}, rotation_deg = {summary['part']['rotation_deg']}"]
-    lines = open_placement(summary, result).format(folder, ["place.json", "report.html"], part)
-    return CommandResult(summary, lines)
+    opening = open_placement(summary, result, str(job.file))
+    return CommandResult(summary, opening.format(folder, ["place.json", "report.html"]))
 
 
 @make_job_command(out_folder, robot_instead, epilog=f"Strategies: {', '.join((*STRATEGIES, *ONLINE))}.")

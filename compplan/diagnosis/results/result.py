@@ -103,8 +103,7 @@ class Diagnosis(Shown):
 
     def summary(self) -> list[tuple[str, str]]:
         """Return the summary: causes, and the gap before and after."""
-        found = self.verdict.findings
-        rows = []
+        found, gap, rows = self.verdict.findings, self.gap, []
         for finding in found[:MOST_LISTED]:
             place = " ".join(str(part) for part in finding.effect.place[1:] if part is not None)
             moved = f", moves the tip {format_length(finding.explained)}" if np.isfinite(finding.explained) else ""
@@ -114,19 +113,19 @@ class Diagnosis(Shown):
         status = words.get(self.verdict.status, self.verdict.status.replace("_", " "))
         return [
             ("diagnosis", f"{status}, {self.robot.name}, {len(self.residual_before)} rows"),
-            *rows, *more, *self.list_figures(),
-        ]  # fmt: skip
-
-    def list_figures(self) -> list[tuple[str, str]]:
-        """Return the rows of the summary that follow the named effects."""
-        gap, beyond = self.gap, [finding for finding in self.verdict.doubtful if finding.beyond]
-        return [
-            *(("not named", f"{finding.effect.name}: {finding.beyond}") for finding in beyond[:MOST_LISTED]),
+            *rows, *more,
             ("gap", f"{format_length(gap.before)} before, {format_length(gap.after)} after (rms)"),
             ("on rows left out of the fit",
              f"{format_length(gap.held_out_before)} before, {format_length(gap.held_out_after)} after"),
-            ("measurement noise", f"{format_length(gap.noise_floor)}: {self.noise}"),
-            *([] if self.repeats is None else [("poses measured again", self.repeats.sentence)]),
+            ("measurement noise", f"{format_length(gap.noise_floor)}, from {self.noise}"), *self.list_remarks(),
+        ]  # fmt: skip
+
+    def list_remarks(self) -> list[tuple[str, str]]:
+        """Return the rows of the summary that follow the gap: effects not named, repeated poses, outliers."""
+        beyond = [finding for finding in self.verdict.doubtful if finding.beyond]
+        return [
+            *(("not named", f"{finding.effect.name}: {finding.beyond}") for finding in beyond[:MOST_LISTED]),
+            *([] if self.repeats is None else [("repeated poses", self.repeats.sentence)]),
             *([("outliers", f"{len(self.outliers)} rows left out")] if len(self.outliers) else []),
         ]  # fmt: skip
 

@@ -26,6 +26,8 @@ from compplan.planning.posture.search import measure_rungs
 from compplan.planning.posture.settings import PostureProblem, PostureSettings, read_settings
 from compplan.planning.posture.summary import PostureSummary
 from compplan.robot import Array, Robot
+from compplan.statics.chain import build_chain
+from compplan.statics.elastic import solve_equilibrium
 from compplan.statics.ik import build_arm
 from compplan.uncertainty.posture_errors import PostureErrors
 
@@ -59,6 +61,7 @@ class PlaceResult:
     before: PostureSummary | None  #: Posture at the job's place, or None if infeasible.
     ratings: tuple[Ratings, ...]  #: Grids, one per turn.
     here: Array  #: Place of the job. Shape (3,). [m]
+    correction: float  #: Greatest deflection at the best place, which a plan has to correct. [m]
 
     @property
     def ratio(self) -> float:
@@ -113,7 +116,10 @@ def place_part(
     before = search(here, 0.0)
     if before is not None and before.costs[RANK] <= best[0].costs[RANK]:
         best = before, here, 0.0
-    return PlaceResult(best[1], best[2], best[0], before, tuple(ratings), here)
+    nominal = load_nominal(_move_job(job, best[1], best[2]))
+    tip = solve_equilibrium(build_chain(robot), best[0].q, nominal.wrench).position
+    correction = float(np.linalg.norm(tip - nominal.position, axis=1).max())
+    return PlaceResult(best[1], best[2], best[0], before, tuple(ratings), here, correction)
 
 
 def summarise_placement(result: PlaceResult, job: Job) -> dict[str, Any]:
@@ -131,6 +137,7 @@ def summarise_placement(result: PlaceResult, job: Job) -> dict[str, Any]:
         "sensitivity_mm": {"expected_rms": result.posture_choice.costs[RANK]},
         "sensitivity_here_mm": None if before is None else {"expected_rms": before.costs[RANK]},
         "ratio": None if before is None else result.ratio,
+        "correction_mm": {"max": 1e3 * result.correction, "allowed": job.plan.max_correction_mm},
         **result.posture_choice.describe_errors(),
     }
 
