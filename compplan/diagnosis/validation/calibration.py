@@ -143,9 +143,7 @@ def calibrated_state(fit: Fit, values: Array, named: Sequence[int]) -> FitState:
 def hold_out_calibration(folds: Folds, found: Calibration) -> HeldOut:
     """Predict every row with the robot calibrated without its fold, as read from its folder."""
     p = folds.fit.search.equations.p
-    return folds.hold_out(
-        lambda number: calibrated_state(folds.fit, found.without_fold[number].values(p), found.named)
-    )
+    return folds.hold_out(lambda number: calibrated_state(folds.fit, found.without_fold[number].values(p), found.named))
 
 
 def is_calibrated(signature: Signature) -> bool:

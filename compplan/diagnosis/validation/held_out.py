@@ -152,9 +152,7 @@ def take_out_frames(equations: NormalEquations, left: Array) -> Array:
     return np.asarray(left - (columns @ values).reshape(left.shape))
 
 
-def spread_held_out(
-    folds: Folds, test: NDArray[np.bool_], columns: NDArray[np.int_], covariance: Array
-) -> Array:
+def spread_held_out(folds: Folds, test: NDArray[np.bool_], columns: NDArray[np.int_], covariance: Array) -> Array:
     """Return the covariance of held-out errors due to columns that predict the rows of one fold. (r, 3, 3) [m^2]
 
     The frames that are fitted to the errors of all rows spread those of the fold. test: rows of the fold, (r,);
@@ -167,7 +165,7 @@ def spread_held_out(
         frames = np.linalg.svd(
             design[..., equations.columns_named(REGISTRATION)].reshape(3 * len(test), -1), full_matrices=False
         )
-        frame = frames.U[:, frames.S > 1e-9 * frames.S.max()].reshape(len(test), 3, -1)
+        frame = frames.U[:, 1e-9 * frames.S.max() < frames.S].reshape(len(test), 3, -1)
         share = np.einsum("nic,nik->ck", frame[test], part)
         part = part - frame[test] @ share
         found[~test] = frame[~test] @ (share @ covariance @ share.T) @ np.swapaxes(frame[~test], 1, 2)
