@@ -42,6 +42,7 @@ from benchmarks.shop import (
     draw_shop,
     fill_log,
     probe_part,
+    touch_part,
 )
 from compplan.io.quantities import format_length, format_percent
 
@@ -74,7 +75,6 @@ radius_mm = {radius}
 feed_mm_s = 10.0
 waypoints = {waypoints}
 [part]
-touched_off = false
 position_mm = {place}
 [process]
 model = "constant"
@@ -214,12 +214,19 @@ def run_shop(seed: int, robot: str, waypoints: int, work: Path) -> ShopResult:
     for name, job in (("A", a), ("B", b)):
         run_product(work / f"poses_{name}", "plan", job, "--robot", folder)
     part = work / "part.csv"
+    touched = {
+        name: touch_part(replace(shop, random=np.random.default_rng([20261122, seed, 7, place])), job,
+                         work / f"nominal_{name}")
+        for place, (name, job) in enumerate({"A": a, "B": b}.items())
+    }  # fmt: skip
     if not part.exists():
-        one = replace(shop, random=draw_part(seed))
+        one = replace(touched["A"], random=draw_part(seed))
         probe_part(one, cut_part(one, work / "poses_A"), part)
     run_product(work / "taught_A", "learn", a, part, "--robot", folder, "--frame", "base")
     run_product(work / "taught_B", "plan", b, "--robot", work / "taught_A" / "robot")
-    return ShopResult(seed, robot, shop.hidden, {name: judge_program(shop, work / name) for name in ROUNDS})
+    return ShopResult(
+        seed, robot, shop.hidden, {name: judge_program(touched[name[-1]], work / name) for name in ROUNDS}
+    )
 
 
 def main() -> None:
