@@ -23,7 +23,7 @@ from compplan.robot import Array
 from compplan.robot.pose import linear_displacement
 from compplan.statics.chain import Chain
 from compplan.statics.sweep import CompiledChain, apply_compliance, element_loads, joint_turns, walk_chain
-from compplan.studies.posterior import MODES
+from compplan.studies.posterior import MODES, RobotPosterior, build_posterior
 from compplan.studies.sampling import SampledRobots, differentiate_placements, shift_tip
 from compplan.toolpath.toolpath import select_waypoints
 from compplan.uncertainty.touch_off import locate_touching
@@ -122,6 +122,7 @@ class Touch(NamedTuple):
     placements: Array  #: Motion of the tip per placement error. Shape (c, 3, k).
     offset: Array  #: Motion of the tip due to the effects of the robot folder. Shape (3, k). [m]
     fit: Array  #: Linear map from points to shift of their mean and rotation vector of the best fit. Shape (6, 3 k).
+    posterior: RobotPosterior  #: Parameter uncertainty at the points, lost motion zero.
 
 
 def prepare_touch(task: PlanTask, noise: NoiseTable) -> Touch | None:
@@ -139,21 +140,26 @@ def prepare_touch(task: PlanTask, noise: NoiseTable) -> Touch | None:
     )  # fmt: skip
     rates = differentiate_placements(there, noise)[0]
     rates[GROWN : GROWN + PART_AXES] = 0.0  # the part does not move between touch and cut
-    rates[len(rates) - 3 * MODES :] = 0.0  # no unexplained errors at the touched points
+    rates[len(rates) - 3 * MODES :] = 0.0  # the path counts unexplained errors from the part
     offset = np.zeros((k, 3))
     if robot.effects:
         plain = attain_with_effects(replace(robot, effects=()), touched.q, np.zeros((k, 6)), np.ones(k - 1))[0]
         offset = locate_touching(robot, touched.q) - plain
-    return Touch(touched.q.T[:, None, :], touched.shown.T, rates, offset.T, linear_displacement(touched.shown))
+    return Touch(
+        touched.q.T[:, None, :], touched.shown.T, rates, offset.T, linear_displacement(touched.shown),
+        build_posterior(there, np.zeros((robot.nq, k))),
+    )  # fmt: skip
 
 
-def move_part(touch: Touch, kernel: Kernel, robots: SampledRobots, scale: Array, position: Array) -> Array:
+def move_part(touch: Touch, kernel: Kernel, robots: SampledRobots, scale: Array, gain: Array, position: Array) -> Array:
     """Return the displacement of every sampled part from the found frame at positions (3, n). Shape (3, b, n). [m]
 
-    scale: share of each spring's deflection that remains under the feedback. Shape (s, b).
+    scale, gain: shares of each spring's deflection, (s, b), and of each drive's error, (nq,), that remain under the
+    feedback.
     """
     b, k = robots.zero.shape[1], touch.q.shape[2]
-    q = (touch.q + robots.zero[:, :, None]).reshape(len(touch.q), -1)
+    drive = touch.posterior.draw_drives(robots.causes[GROWN + PART_AXES :], np.zeros((len(touch.q), b, k)))
+    q = (touch.q + robots.zero[:, :, None] + gain[:, None, None] * drive).reshape(len(touch.q), -1)
     factor = np.repeat(robots.factor * scale, k, axis=1)
     tips = solve_tips(kernel, q, np.zeros((6, b * k)), factor, np.zeros_like(factor)).reshape(3, b, k)
     gap = tips + shift_tip(robots.causes, touch.placements) + (touch.offset - touch.shown)[:, None, :]

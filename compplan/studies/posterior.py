@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from scipy.spatial.distance import cdist
 
 from compplan.effects import transmission_error
 from compplan.effects.forward_model import own_springs
@@ -22,6 +21,7 @@ from compplan.robot import Array, Robot
 from compplan.robot.uncertainty import Uncertainty
 from compplan.toolpath.toolpath import interpolate
 from compplan.uncertainty.assumed import robot_uncertainty
+from compplan.uncertainty.band import Slopes
 from compplan.uncertainty.sensitivities import (
     ForceSpread,
     build_path_model,
@@ -62,16 +62,22 @@ class RobotPosterior:
         tied, apart = self.tie
         return np.asarray(tied @ z[: tied.shape[1]] + apart @ shares)
 
-    def draw(self, z: Array, factor: Array, zero: Array, drive: Array) -> None:
-        """Add parameters of b samples to factors (s, b), zeros (nq, b) and drives (nq, b, n). z: (m, b)."""
+    def draw(self, z: Array, factor: Array, zero: Array) -> None:
+        """Add parameters of b samples to factors (s, b) and zeros (nq, b). z: (m, b)."""
         values = self.root @ z[: self.root.shape[1]]
         for part in self.parts:
             if part.kind == "factor":
                 factor[part.place] = np.maximum(factor[part.place] + part.shape * values[part.row], LEAST)
             elif part.kind == "zero":
                 zero[part.place] += values[part.row]
-            else:
+
+    def draw_drives(self, z: Array, drive: Array) -> Array:
+        """Add the errors of the drives of b samples to `drive`, (nq, b, n), and return it. z: (m, b)."""
+        values = self.root @ z[: self.root.shape[1]]
+        for part in self.parts:
+            if part.kind == "drive":
                 drive[part.place] += values[part.row][:, None] * part.shape
+        return drive
 
 
 def count_coordinates(robot: Robot) -> int:
@@ -107,12 +113,11 @@ def move_by_posterior(task: PlanTask, known: Uncertainty) -> list[Array]:
     slopes = measure_slopes(scene, known.unknowns, rows)
     slopes[:, :, sorted(inside)] = 0.0
     moved = list(np.moveaxis(slopes @ known.spread, 2, 0))
-    apart = cdist(task.position[rows], task.position[rows]) / known.scale
-    value, vector = np.linalg.eigh(np.exp(-0.5 * apart**2))
-    smooth = np.zeros((len(rows), MODES))
-    most = min(MODES, len(rows))
-    smooth[:, :most] = known.smooth * (vector * np.sqrt(np.maximum(value, 0.0)))[:, ::-1][:, :most]
-    moved += [np.outer(mode, axis) for mode in smooth.T for axis in np.eye(3)]
+    none = np.zeros((len(rows), 3, 0))
+    path = Slopes(rows, task.position[rows], none, none, none, touched=task.touched)
+    smooth = path.smooth_columns(known).reshape(len(rows), 3, -1, 3)[:, :, ::-1].reshape(len(rows), 3, -1)
+    smooth = np.pad(smooth, ((0, 0), (0, 0), (0, 3 * MODES)))[:, :, : 3 * MODES]
+    moved += list(np.moveaxis(smooth, 2, 0))
     return [interpolate(np.arange(len(task)), rows, values) for values in moved]
 
 

@@ -152,13 +152,13 @@ def sample_robots(at: SampleContext, points: Array) -> SampledRobots:
     force *= _six(noise.force_noise_N, NOISE_ARM * noise.force_noise_N)
     force += (bias[:6, :, None] * _six(drift, BIAS_ARM * drift)
               + GAIN * bias[6, :, None] * wrench)  # fmt: skip
-    zero, drive = np.zeros((at.nq, len(points))), np.zeros((at.nq, len(points), at.wrench.shape[1]))
-    at.posterior.draw(robot, factor, zero, drive)
+    zero = np.zeros((at.nq, len(points)))
+    at.posterior.draw(robot, factor, zero)
     return SampledRobots(
         factor=factor,
         link_share=share,
         zero=zero,
-        drive=drive,
+        drive=at.posterior.draw_drives(robot, np.zeros((at.nq, len(points), at.wrench.shape[1]))),
         causes=causes,
         shift=shift_tip(causes, at.shift),
         wrench=wrench,

@@ -247,7 +247,7 @@ def _cut_part(study: Study, command: PreparedCommand, robots: SampledRobots, q: 
     shift = robots.shift if command.placements is None else shift_tip(robots.causes, command.placements)
     found = study.nominal[:, None, :]
     if study.touch is not None:
-        found = found + move_part(study.touch, study.kernel, robots, scale, study.nominal)
+        found = found + move_part(study.touch, study.kernel, robots, scale, command.spring_gain, study.nominal)
     moved = shift + robots.repeat[:, :, None] + command.offset[:, None, :] - found
 
     def attain(wrench: Array) -> Array:
