@@ -17,7 +17,7 @@ import numpy as np
 
 from compplan.effects.attained import attain_with_effects
 from compplan.errors import ConvergenceError
-from compplan.robot import Array
+from compplan.robot import Array, Robot
 from compplan.robot.pose import linear_displacement
 from compplan.statics.chain import Chain
 from compplan.statics.sweep import CompiledChain, apply_compliance, element_loads, joint_turns, walk_chain
@@ -121,10 +121,11 @@ class Touch(NamedTuple):
     posterior: RobotPosterior  #: Parameter uncertainty at the points, lost motion zero.
 
 
-def prepare_touch(touched: TouchedPart | None) -> Touch | None:
-    """Prepare the touched points of a part; None if the part frame is absolute."""
+def prepare_touch(robot: Robot, touched: TouchedPart | None) -> Touch | None:
+    """Prepare the points of a part that a robot touched; None if the part frame is absolute."""
     if touched is None:
         return None
+    touched = replace(touched, robot=robot)
     scene, k = build_touch_model(touched), len(touched.q)
     robot = scene.robot
     posterior = build_posterior(robot, touched.q, np.zeros((robot.nq, k)))

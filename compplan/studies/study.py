@@ -127,7 +127,7 @@ def assemble_study(
         answers=answers,
         commands={name: _prepare_command(thin, c, selection, noise) for name, c in answers.items()},
         kernel=build_kernel(thin.chain),
-        touch=prepare_touch(thin.touched),
+        touch=prepare_touch(thin.robot, thin.touched),
         context=build_context(thin, noise, list_factors(thin.robot, noise), force),
         nominal=np.ascontiguousarray(thin.position.T),
         cut=thin.compensated,
