@@ -2,13 +2,13 @@
 
     python -m benchmarks loop --shops 40 --seed 0 --out DIR     files of every shop and rounds.json in DIR
 
-A shop (`benchmarks.shop`) hides three effects and everyday errors. It plans path A with the nominal folder and measures
-twelve poses that `compplan campaign` designs for it, in a frame of the tracker's own; the log is diagnosed; it plans
-path A and path B, which lies elsewhere; it cuts A, measures that part, learns from it, and plans B again with the
-taught folder. No command may end with another status than 0 (`diagnose` may ask: it is told that the log is meant so).
-Every program is then run again and again, clamping and repeatability drawn anew for every part: the table gives the
-median of the true rms across the path under the shop's own force. Bands are held against parts whose force is drawn
-anew by 7 %: the true 95 % point, and the share of tips within.
+A shop (`benchmarks.shop`) hides three effects and everyday errors. Its robot touches three corners of each part. It
+plans path A with the nominal folder and measures twelve poses that `compplan campaign` designs for it, in a frame of
+the tracker's own; the log is diagnosed; it plans path A and path B, which lies elsewhere; it cuts A, measures that
+part, learns from it, and plans B again with the taught folder. No command may end with another status than 0
+(`diagnose` may ask: it is told that the log is meant so). Every program is then run again and again, clamping and
+repeatability drawn anew for every part: the table gives the median of the true rms across the path under the shop's own
+force. Bands are held against parts whose force is drawn anew by 7 %: the true 95 % point, and the share of tips within.
 
 Steps whose files are in DIR are not done again. A noise floor is sqrt(3) times the standard deviations of the
 instrument, the robot and the clamping per axis, and with them, in squares, what one standard deviation of a part's own

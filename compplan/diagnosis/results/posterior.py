@@ -3,8 +3,9 @@
 The parameters of named effects and small errors are normal about their mean in the calibration, covariance S. For
 parameters absent from the robot folder the mean m counts as well: the second moment about the folder is S + m m^T.
 
-The held-out error beyond noise and parameters is unexplained. A conformal step widens both until the band covers the
-held-out poses. Intervals of named effects hold given that these, and no others, are present.
+The held-out error beyond noise and parameters is unexplained. The parameters that predict a pose are those fitted
+without it: their uncertainty is larger than that of the delivered ones. A conformal step widens both until the band
+covers the held-out poses. Intervals of named effects hold given that these, and no others, are present.
 """
 
 from __future__ import annotations
