@@ -3,7 +3,7 @@
     python -m benchmarks loop --shops 20 --out DIR
     python -m benchmarks ladder DIR
 
-Each rung alone: the band that the plan before predicts, over that of the plan after. Touch-off and force log need two
+Each rung alone: the band that the plan before predicts, over that of the plan after. Touch-off and force log need three
 more plans a shop, beside its own in DIR; poses and the first part are those of the loop.
 """
 
@@ -23,7 +23,7 @@ from benchmarks.shop import SCATTER
 
 #: By rung: the plan that predicts, and the plan after.
 RUNGS = {
-    "touch_off": ("nominal_A", "touched_A"), "force_log": ("nominal_A", "logged_A"), "poses": ("nominal_A", "poses_A"),
+    "touch_off": ("absolute_A", "touched_A"), "force_log": ("nominal_A", "logged_A"), "poses": ("nominal_A", "poses_A"),
     "first_part": ("poses_A", "taught_A"),
 }  # fmt: skip
 #: A force sensor: level, direction [deg] and what is left from place to place, one standard deviation.
@@ -48,11 +48,13 @@ class Step(NamedTuple):
 
 
 def plan_rungs(shop: Path) -> None:
-    """Plan path A touched off, and with the force logged."""
+    """Plan path A in an absolute frame and touched off, both placed as assumed, and with the force logged."""
     job = tomllib.loads((shop / "A.toml").read_text(encoding="utf-8"))
     stated = {"wrench_level": float(np.hypot(GAIN, SCATTER)), "wrench_direction_deg": TURN, "wrench_path": PLACES}
-    touched = {**job, "part": {**job["part"], "touched_off": True}, "noise": {}}
-    for name, table in (("touched_A", touched), ("logged_A", {**job, "noise": {**job["noise"], **stated}})):
+    touched, part = {**job, "noise": {}}, {**job["part"], "touched_off": False}
+    jobs = {"absolute_A": {**touched, "part": part}, "touched_A": touched,
+            "logged_A": {**job, "noise": {**job["noise"], **stated}}}  # fmt: skip
+    for name, table in jobs.items():
         file = shop / f"{name}.toml"
         file.write_text(tomli_w.dumps(table), encoding="utf-8")
         run_product(shop / name, "plan", file)

@@ -33,6 +33,9 @@ from scipy.spatial.transform import Rotation
 from benchmarks.campaigns.description import Array, read_description
 from benchmarks.campaigns.effects import Effect, apply_effect
 from benchmarks.campaigns.simulate import Rows, Scenario, nominal_scenario, simulate_rows
+from benchmarks.coverage.touched import fit_motion, pick_corners
+from benchmarks.simulated_robot.cell import Kinematics
+from benchmarks.simulated_robot.job import read_job, read_joints
 
 ROOT = Path(__file__).parents[1]
 #: Instrument and robot per axis, and of a point measured on a part. [m]
@@ -42,6 +45,8 @@ TRACKER, REPEATABILITY, PROBE = 2e-5, 1.5e-5, 1e-5
 LEVEL, SCATTER, CLAMPED = 0.15, 0.07, (1e-5, 2e-5)
 #: Where the tracker's frame and its target on the tool are, per axis. [m, rad, m]
 FRAME, TARGET = (3e-3, 2e-3), 1e-3
+#: By how much every joint approaches a touched point. [rad]
+APPROACH = float(np.radians(1.5))
 #: How far from where it should be a plate of sockets is put up, per axis. [m]
 HAND = 3e-3
 #: Everyday errors: lengths [m], directions [rad], zeros [rad], gears [rad], own compliances (share).
@@ -60,6 +65,8 @@ class VirtualShop:
     hidden: tuple[str, ...]
     force: float
     random: np.random.Generator
+    #: Rotation and shift [m] by which a touched part is off the frame that the controller displays.
+    part: tuple[Array, Array] = (np.eye(3), np.zeros(3))
 
 
 def draw_shop(robot: Path, seed: int) -> VirtualShop:
@@ -164,6 +171,27 @@ def move(
     return tip, seen.rotation
 
 
+def touch_part(shop: VirtualShop, job: Path, folder: Path) -> VirtualShop:
+    """Touch three corners of the box of a cut as it is planned, without process force; return the shop with its part.
+
+    The fixture of all parts stands where the touched points fit best.
+    """
+    arm = read_job(job).arm
+    rows, kinematics = read_joints(folder / "joints.csv", arm), Kinematics(arm)
+    cut = rows.wanted[rows.move == "cut"]
+    corners = pick_corners(cut)
+    near = rows.q[rows.move == "cut"][np.linalg.norm(cut - corners[:, None], axis=2).argmin(axis=1)]
+    poses = kinematics.tip(near)
+    poses[:, :3, 3] = corners
+    q, left = kinematics.reach(near, poses)
+    if left.max() > 1e-6:
+        raise ValueError("a corner of the part is out of reach")
+    q = np.repeat(q, 2, axis=0)
+    q[0::2] -= APPROACH
+    tip, _ = move(shop, q, np.zeros((len(q), 6)), path=False)
+    return replace(shop, part=fit_motion(corners, tip[1::2]))
+
+
 def cut_part(shop: VirtualShop, folder: Path, scatter: float = SCATTER) -> Cut:
     """Cut the program of a plan, the force and the clamping of this part drawn anew.
 
@@ -179,6 +207,7 @@ def cut_part(shop: VirtualShop, folder: Path, scatter: float = SCATTER) -> Cut:
     wanted = path[cutting]
     level = shop.force * (1.0 + scatter * float(shop.random.standard_normal()))
     tip, _ = move(shop, q, level * wrench, path=True, measured=cutting)
+    tip = (tip - shop.part[1]) @ shop.part[0]
     shift, turn = (size * shop.random.standard_normal(3) for size in CLAMPED)
     tip = tip + shift + np.cross(turn, tip - wanted.mean(axis=0))  # seen from the part's own datum
     if (off := float(np.linalg.norm(tip - wanted, axis=1).max())) > STRANGE:

@@ -27,8 +27,9 @@ TITLE = "The loop: what do poses and a first part bring?"
 QUESTION = "A robot hides three errors and the force is not the predicted one. How far is each program's tip off?"
 METHOD = (
     "`python -m benchmarks loop`: MuJoCo robots with three hidden effects, every third with one outside the "
-    "vocabulary, small errors on every axis and unknown frames; the product sees programs and measurements only. "
-    "Path B lies elsewhere. True rms deviation across the path under the shop's own force. Bands are compared with "
+    "vocabulary, small errors on every axis and unknown frames; the product sees programs and measurements. "
+    "Path B lies elsewhere. The robot touches both parts off before the force acts. True rms deviation across the path "
+    "under the shop's own force. Bands are compared with "
     "parts whose force scatters by 7 %, as does that of the measured part. A noise floor counts instrument, robot, "
     "clamping and that scatter. Every shop: [loop.csv](loop.csv)."
 )

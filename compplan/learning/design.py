@@ -141,7 +141,13 @@ def choose_measurements(design: Design, candidates: Candidates, count: int, star
         lambda mean, covariance, rows: measure_gains(covariance, rows, weight, design.noise),
         learn_rows(before, rows[first], design.noise), rows, design.noise,
     )  # fmt: skip
-    chosen = exchange_choice(worth, take_greedily(worth, count - len(first)))
+    posture = np.unique(candidates.q, axis=0, return_inverse=True)[1].reshape(-1)
+
+    def worth_new(taken: list[int]) -> Array:
+        """Offer each posture once: a diagnosis validates itself on postures that it leaves out."""
+        return np.where(np.isin(posture, posture[taken]), -np.inf, worth(taken))
+
+    chosen = exchange_choice(worth_new, take_greedily(worth_new, count - len(first)))
     return evaluate_choice(design, rows, [*first, *(number for number, _ in chosen)], before)
 
 

@@ -197,7 +197,7 @@ def write_robot_folder(robot: Robot, folder: Path, before: Robot | None = None) 
             source = robot.folder / name
             if source.is_file() and source.resolve() != (folder / name).resolve():
                 write_text(folder / name, source.read_text(encoding="utf-8"))
-    if before is not None and not (folder / "controller.urdf").is_file() and _has_moved(robot, before):
+    if before is not None and not (folder / "controller.urdf").is_file() and has_moved(robot, before):
         write_text(folder / "controller.urdf", before.urdf)
 
 
@@ -211,7 +211,7 @@ def format_robot(robot: Robot) -> dict[str, str]:
     return texts
 
 
-def _has_moved(robot: Robot, before: Robot) -> bool:
+def has_moved(robot: Robot, before: Robot) -> bool:
     """Return whether a joint has another placement or axis than in the URDF of another robot."""
     believed = {joint.name: joint for joint in read_urdf(before.urdf, Path("controller.urdf")).joints}
     return any(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,7 @@ from compplan.measurement.distance import LEVEL
 from compplan.planning.compare import Comparison, MonteCarloResult, compare_task
 from compplan.planning.plan import build_task, prepare_job
 from compplan.planning.task import PlanTask
-from compplan.studies.runner import LEAST_SAMPLES, Run, Settings, discard_chunks, run_study
+from compplan.studies.runner import CHUNK, Run, Settings, discard_chunks, run_study
 from compplan.studies.sensitivity import Sensitivity, measure_sensitivity
 from compplan.studies.study import MOST_WAYPOINTS, prepare_study
 from compplan.studies.summary import estimate_quantile, summarise_run
@@ -50,8 +51,8 @@ def study_job(
     sensitivity: bool = True,
     discard: bool = False,
     workforce: Workers | None = None,
-    announce: Callable[[str], None] | None = None,
-    progress: Callable[[str, int, int], None] | None = None,
+    announce: Callable[[str], None] = lambda text: None,
+    progress: Callable[[str, int, int], None] = lambda stage, done, total: None,
 ) -> JobStudy:
     """Run the Monte Carlo study of a job; finished samples are stored in `folder`.
 
@@ -62,34 +63,35 @@ def study_job(
     Raises:
         InputError: If the job is invalid, or the folder cannot be written.
     """
-    say = announce or (lambda text: None)
     note_seed("samples", settings.seed)
     if folder.exists() and not folder.is_dir():
         raise InputError("is a file, expected a folder to write to", file=folder)
     workforce = workforce or Workers()
     workforce.check()
     # the worker processes import modules while this one prepares the study
-    with start_workers(workforce, settings.samples // LEAST_SAMPLES) as crew:
-        say("posture")
+    with start_workers(workforce, -(-settings.samples // CHUNK)) as crew:
+        announce("posture")
         robot, nominal, options = prepare_job(job)
         task, force = build_task(robot, nominal, options, file=job.file), read_force_spread(job)
-        study = prepare_study(task, job.noise, strategies, most_waypoints=most_waypoints, force=force, announce=say)
-
-        def tell(stage: str) -> Callable[[int, int], None] | None:
-            return None if progress is None else lambda done, total: progress(stage, done, total)
-
-        say("samples")
+        study = prepare_study(
+            task, job.noise, strategies, most_waypoints=most_waypoints, force=force, announce=announce
+        )
+        announce("samples")
         store = folder / SAMPLES
         if discard:
             discard_chunks(store)
-        run = run_study(study, settings, folder=store, workforce=crew, progress=tell("samples"))
+        run = run_study(study, settings, folder=store, workforce=crew, progress=partial(progress, "samples"))
         indices = None
         if sensitivity:
-            say("sensitivity")
+            announce("sensitivity")
             indices = measure_sensitivity(
-                study, settings.seed, folder=store / "sensitivity", workforce=crew, progress=tell("sensitivity")
+                study,
+                settings.seed,
+                folder=store / "sensitivity",
+                workforce=crew,
+                progress=partial(progress, "sensitivity"),
             )
-    say("summary")
+    announce("summary")
     summary = summarise_run(run, indices, name=job.name or job.file.stem, main=options.strategy)
     return JobStudy(job, run, indices, summary)
 

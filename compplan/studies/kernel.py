@@ -15,18 +15,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from compplan.effects.attained import attain_with_effects, rest_robot
+from compplan.effects.attained import attain_with_effects
 from compplan.errors import ConvergenceError
-from compplan.job.noise import NoiseTable
-from compplan.planning.task import PlanTask
-from compplan.robot import Array
+from compplan.robot import Array, Robot
 from compplan.robot.pose import linear_displacement
 from compplan.statics.chain import Chain
 from compplan.statics.sweep import CompiledChain, apply_compliance, element_loads, joint_turns, walk_chain
-from compplan.studies.posterior import MODES
-from compplan.studies.sampling import SampledRobots, differentiate_placements, shift_tip
-from compplan.toolpath.toolpath import select_waypoints
-from compplan.uncertainty.touch_off import locate_touching
+from compplan.studies.posterior import MODES, RobotPosterior, build_posterior, move_by_parameters
+from compplan.studies.sampling import TWIST, SampledRobots, grow_arm, shift_tip
+from compplan.uncertainty.assumed import robot_uncertainty
+from compplan.uncertainty.touch_off import TouchedPart, build_touch_model, is_lasting, locate_touching
 
 #: Poses solved at once.
 BLOCK = 8192
@@ -35,8 +33,6 @@ TOLERANCE = 1e-9
 #: Assumed lever of a spring, which converts the tolerance to elastic coordinates. [m]
 LEVER = 4.0
 MOST_PASSES = 60
-#: Columns of `differentiate_placements`: growth, part frame.
-GROWN, PART_AXES = 1, 6
 
 
 @dataclass(frozen=True)
@@ -122,38 +118,41 @@ class Touch(NamedTuple):
     placements: Array  #: Motion of the tip per placement error. Shape (c, 3, k).
     offset: Array  #: Motion of the tip due to the effects of the robot folder. Shape (3, k). [m]
     fit: Array  #: Linear map from points to shift of their mean and rotation vector of the best fit. Shape (6, 3 k).
+    posterior: RobotPosterior  #: Parameter uncertainty at the points, lost motion zero.
 
 
-def prepare_touch(task: PlanTask, noise: NoiseTable) -> Touch | None:
-    """Prepare the touched points of a task; None if the part frame is absolute."""
-    touched = task.touched
+def prepare_touch(robot: Robot, touched: TouchedPart | None) -> Touch | None:
+    """Prepare the points of a part that a robot touched; None if the part frame is absolute."""
     if touched is None:
         return None
-    k, robot = len(touched.q), rest_robot(task.robot)
-    nominal = replace(select_waypoints(task.nominal, np.zeros(k, int)), position=touched.shown, events=())
-    there = replace(
-        task, robot=robot, nominal=nominal, q_start=touched.q, wrench=np.zeros((k, 6)), rotation=task.rotation[:k],
-        compensated=np.ones(k, bool), missed=np.zeros(k, bool), lead=np.zeros(k, bool), rests=np.zeros(k, bool),
-        bias=None, links=None, places=None, start=None, step_time=np.ones(k - 1),
-        theta=np.zeros((k, task.chain.n_springs)), touched=None,
-    )  # fmt: skip
-    rates = differentiate_placements(there, noise)[0]
-    rates[GROWN : GROWN + PART_AXES] = 0.0  # the part does not move between touch and cut
-    rates[len(rates) - 3 * MODES :] = 0.0  # no unexplained errors at the touched points
+    touched = replace(touched, robot=robot)
+    scene, k = build_touch_model(touched), len(touched.q)
+    robot = scene.robot
+    posterior = build_posterior(robot, touched.q, np.zeros((robot.nq, k)))
+    lasting = is_lasting(robot_uncertainty(robot).unknowns)
+    posterior = replace(posterior, root=lasting[:, None] * posterior.root)
+    moved = move_by_parameters(scene, np.arange(k), posterior)
+    # the part does not move between touch and cut, and unexplained errors along the path count from it
+    rates = [grow_arm(robot, touched.q)[None], np.zeros((TWIST, k, 3)), moved, np.zeros((3 * MODES, k, 3))]
     offset = np.zeros((k, 3))
     if robot.effects:
         plain = attain_with_effects(replace(robot, effects=()), touched.q, np.zeros((k, 6)), np.ones(k - 1))[0]
         offset = locate_touching(robot, touched.q) - plain
-    return Touch(touched.q.T[:, None, :], touched.shown.T, rates, offset.T, linear_displacement(touched.shown))
+    return Touch(
+        touched.q.T[:, None, :], touched.shown.T, np.swapaxes(np.concatenate(rates), 1, 2), offset.T,
+        linear_displacement(touched.shown), posterior,
+    )  # fmt: skip
 
 
-def move_part(touch: Touch, kernel: Kernel, robots: SampledRobots, scale: Array, position: Array) -> Array:
+def move_part(touch: Touch, kernel: Kernel, robots: SampledRobots, scale: Array, gain: Array, position: Array) -> Array:
     """Return the displacement of every sampled part from the found frame at positions (3, n). Shape (3, b, n). [m]
 
-    scale: share of each spring's deflection that remains under the feedback. Shape (s, b).
+    scale, gain: shares of each spring's deflection, (s, b), and of each drive's error, (nq,), that remain under the
+    feedback.
     """
     b, k = robots.zero.shape[1], touch.q.shape[2]
-    q = (touch.q + robots.zero[:, :, None]).reshape(len(touch.q), -1)
+    drive = touch.posterior.draw_drives(robots.causes[1 + TWIST :], np.zeros((len(touch.q), b, k)))
+    q = (touch.q + robots.zero[:, :, None] + gain[:, None, None] * drive).reshape(len(touch.q), -1)
     factor = np.repeat(robots.factor * scale, k, axis=1)
     tips = solve_tips(kernel, q, np.zeros((6, b * k)), factor, np.zeros_like(factor)).reshape(3, b, k)
     gap = tips + shift_tip(robots.causes, touch.placements) + (touch.offset - touch.shown)[:, None, :]

@@ -12,26 +12,24 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from scipy.spatial.distance import cdist
+from numpy.typing import NDArray
 
 from compplan.effects import transmission_error
-from compplan.effects.forward_model import own_springs
+from compplan.effects.forward_model import ForwardModel, own_springs
 from compplan.job.noise import NoiseTable
-from compplan.planning.task import PlanTask
 from compplan.robot import Array, Robot
 from compplan.robot.uncertainty import Uncertainty
-from compplan.toolpath.toolpath import interpolate
 from compplan.uncertainty.assumed import robot_uncertainty
+from compplan.uncertainty.band import Slopes
 from compplan.uncertainty.sensitivities import (
     ForceSpread,
-    build_path_model,
     measure_slopes,
-    pick_rows,
     tie_force,
 )
+from compplan.uncertainty.touch_off import TouchedPart
 
-#: Modes of the unexplained error per axis, and waypoints at which they are computed.
-MODES, STATIONS = 12, 200
+#: Modes of the unexplained error per axis.
+MODES = 12
 #: Least factor on the compliance of a spring.
 LEAST = 0.02
 
@@ -62,16 +60,22 @@ class RobotPosterior:
         tied, apart = self.tie
         return np.asarray(tied @ z[: tied.shape[1]] + apart @ shares)
 
-    def draw(self, z: Array, factor: Array, zero: Array, drive: Array) -> None:
-        """Add parameters of b samples to factors (s, b), zeros (nq, b) and drives (nq, b, n). z: (m, b)."""
+    def draw(self, z: Array, factor: Array, zero: Array) -> None:
+        """Add parameters of b samples to factors (s, b) and zeros (nq, b). z: (m, b)."""
         values = self.root @ z[: self.root.shape[1]]
         for part in self.parts:
             if part.kind == "factor":
                 factor[part.place] = np.maximum(factor[part.place] + part.shape * values[part.row], LEAST)
             elif part.kind == "zero":
                 zero[part.place] += values[part.row]
-            else:
+
+    def draw_drives(self, z: Array, drive: Array) -> Array:
+        """Add the errors of the drives of b samples to `drive`, (nq, b, n), and return it. z: (m, b)."""
+        values = self.root @ z[: self.root.shape[1]]
+        for part in self.parts:
+            if part.kind == "drive":
                 drive[part.place] += values[part.row][:, None] * part.shape
+        return drive
 
 
 def count_coordinates(robot: Robot) -> int:
@@ -87,37 +91,43 @@ def apply_learned_force(noise: NoiseTable, force: ForceSpread | None) -> NoiseTa
     return noise.model_copy(update=spread)
 
 
-def build_posterior(task: PlanTask, motion_sign: Array, force: ForceSpread | None = None) -> RobotPosterior:
-    """Build the posterior of a task's robot; `motion_sign`: direction of motion of each joint, shape (nq, n).
+def build_posterior(robot: Robot, q: Array, motion_sign: Array, force: ForceSpread | None = None) -> RobotPosterior:
+    """Build the posterior of a robot at joint positions q, (n, nq).
 
-    `force` is the uncertainty of the force learned from measured parts, or None.
+    motion_sign: direction of motion of each joint, (nq, n); force: uncertainty of the force learned from measured
+    parts, or None.
     """
-    known = robot_uncertainty(task.robot)
-    found = RobotPosterior(known.spread, _list_parts(task, known, motion_sign))
+    known = robot_uncertainty(robot)
+    found = RobotPosterior(known.spread, _list_parts(robot, known, q, motion_sign))
     if force is None or not len(force.robot):
         return found
     return replace(found, tie=tie_force(known, force), force=force)
 
 
-def move_by_posterior(task: PlanTask, known: Uncertainty) -> list[Array]:
-    """Return the motion of the tip, (n, 3) [m], per coordinate: parameters outside the arm, and smooth errors."""
-    inside = {part.row for part in _list_parts(task, known, np.zeros((task.robot.nq, len(task))))}
-    rows = pick_rows(np.ones(len(task), bool), STATIONS)
-    scene = build_path_model(task.robot, task.q_start, task.wrench, task.step_time)
-    slopes = measure_slopes(scene, known.unknowns, rows)
-    slopes[:, :, sorted(inside)] = 0.0
-    moved = list(np.moveaxis(slopes @ known.spread, 2, 0))
-    apart = cdist(task.position[rows], task.position[rows]) / known.scale
-    value, vector = np.linalg.eigh(np.exp(-0.5 * apart**2))
-    smooth = np.zeros((len(rows), MODES))
-    most = min(MODES, len(rows))
-    smooth[:, :most] = known.smooth * (vector * np.sqrt(np.maximum(value, 0.0)))[:, ::-1][:, :most]
-    moved += [np.outer(mode, axis) for mode in smooth.T for axis in np.eye(3)]
-    return [interpolate(np.arange(len(task)), rows, values) for values in moved]
+def move_by_parameters(scene: ForwardModel, rows: NDArray[np.int_], posterior: RobotPosterior) -> Array:
+    """Return the motion of the tip by each parameter coordinate, of parameters outside the arm. Shape (r, k, 3). [m]
+
+    The coordinates are those of `posterior`; rows: of the path of the forward model, k of them.
+    """
+    unknowns = robot_uncertainty(scene.robot).unknowns
+    slopes = measure_slopes(scene, unknowns, rows)
+    slopes[:, :, [part.row for part in posterior.parts]] = 0.0
+    return np.moveaxis(slopes @ posterior.root, 2, 0)
 
 
-def _list_parts(task: PlanTask, known: Uncertainty, motion_sign: Array) -> tuple[ArmParameter, ...]:
-    robot, parts, first = task.robot, [], 0
+def move_by_smooth_errors(place: Array, known: Uncertainty, touched: TouchedPart | None) -> Array:
+    """Return the motion of the tip at places (k, 3) by the leading modes of the unexplained error. (3 MODES, k, 3). [m]
+
+    It counts from the part as located by touch-off, if there is one.
+    """
+    k, none = len(place), np.zeros((len(place), 3, 0))
+    path = Slopes(np.arange(k), place, none, none, none, touched=touched)
+    modes = path.smooth_columns(known).reshape(k, 3, -1, 3)[:, :, ::-1][:, :, :MODES].reshape(k, 3, -1)
+    return np.moveaxis(np.pad(modes, ((0, 0), (0, 0), (0, 3 * MODES - modes.shape[2]))), 2, 0)
+
+
+def _list_parts(robot: Robot, known: Uncertainty, q: Array, motion_sign: Array) -> tuple[ArmParameter, ...]:
+    parts, first = [], 0
     own, names = own_springs(robot), [joint.name for joint in robot.actuated]
     for unknown in known.unknowns:
         joint = names.index(unknown.joint) if unknown.joint in names else -1
@@ -129,7 +139,7 @@ def _list_parts(task: PlanTask, known: Uncertainty, motion_sign: Array) -> tuple
         elif unknown.effect == "backlash":
             parts.append(ArmParameter(first, "drive", joint, -0.5 * motion_sign[joint]))
         elif unknown.effect == transmission_error.name and "cycles_per_turn" in unknown.fixed:
-            shape = transmission_error.waves(task.q_start[:, joint], unknown.fixed["cycles_per_turn"], False)
+            shape = transmission_error.waves(q[:, joint], unknown.fixed["cycles_per_turn"], False)
             parts += [ArmParameter(first + k, "drive", joint, column) for k, column in enumerate(shape.T)]
         first += len(unknown.keys)
     return tuple(parts)

@@ -13,6 +13,7 @@ import hashlib
 import json
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 from zipfile import BadZipFile
@@ -27,9 +28,9 @@ from compplan.studies.study import ChunkResult, Study
 from compplan.studies.workers import Workers, compute_chunks
 from compplan.version import VERSION
 
-#: Approximate number of poses of a chunk, and bounds of its number of samples. At most 20 samples leave at least four
-#: chunks to each of 100 workers from 8,000 samples on; on one machine small chunks cost about a quarter of the time.
-CHUNK_POSES, LEAST_SAMPLES, MOST_SAMPLES = 600_000, 8, 20
+#: Samples of a chunk: they leave at least four chunks to each of 100 workers from 8,000 samples on; on one machine
+#: small chunks cost about a quarter of the time.
+CHUNK = 20
 #: Number of samples whose distances along the path are kept.
 MOST_ALONG = 2000
 _COLUMNS = {"rms": "rms_m", "mean": "mean_m", "max": "max_m", "within": "within_tolerance", "along": "along_m"}
@@ -74,64 +75,51 @@ def run_study(
     if settings.samples < least:
         message = f"{settings.samples} samples, expected at least {least}, two for each of the replicates"
         raise InputError(message)
-    size = chunk_size(study)
-    chunks = [range(a, min(a + size, settings.samples)) for a in range(0, settings.samples, size)]
-    about: dict[str, object] = {"seed": settings.seed, "replicates": settings.replicates, "chunk": size}
-
-    def points(number: int) -> Array:
-        return draw_points(study.context.factors, settings.seed, settings.replicates, chunks[number])
-
-    done, reused = evaluate_chunks(
-        study, chunks, points, folder=folder, about=about, workforce=workforce, progress=progress
-    )
-    evaluated = (done[number] for number in range(len(chunks)))
-    return Run(study, settings, ChunkResult(*map(np.concatenate, zip(*evaluated, strict=True))), reused)
+    about: dict[str, object] = {"seed": settings.seed, "replicates": settings.replicates}
+    evaluated, reused = evaluate_chunks(
+        study, settings.samples, partial(draw_points, study.context.factors, settings.seed, settings.replicates),
+        about=about, folder=folder, workforce=workforce, progress=progress,
+    )  # fmt: skip
+    return Run(study, settings, evaluated, reused)
 
 
 def evaluate_chunks(
     study: Study,
-    chunks: list[range],
-    points: Callable[[int], Array],
+    samples: int,
+    points: Callable[[range], Array],
     *,
     about: dict[str, object],
     folder: Path | None = None,
     workforce: Workers | None = None,
     progress: Callable[[int, int], None] | None = None,
-) -> tuple[dict[int, ChunkResult], int]:
-    """Evaluate chunks of points, reusing those stored in a folder; return results by number, and the number reused.
+) -> tuple[ChunkResult, int]:
+    """Evaluate samples in chunks, reusing those stored in a folder; return the results, and the number reused.
 
-    chunks: samples of each; points: returns the points of a chunk; about: settings that identify the study; progress:
-    called with finished and total samples.
+    points: returns the points of a range of samples; about: settings that identify the study; progress: called with
+    finished and total samples.
     """
-    store = None if folder is None else ChunkFolder(folder, fingerprint_study(study, about))
+    chunks = [range(a, min(a + CHUNK, samples)) for a in range(0, samples, CHUNK)]
+    store = None if folder is None else ChunkFolder(folder, fingerprint_study(study, {**about, "chunk": CHUNK}))
     done: dict[int, ChunkResult] = {}
     for number, rows in enumerate(chunks if store else []):
         found = store.read(number) if store else None
         if found is not None and len(found.rms) == len(rows):
             done[number] = _lighten(found, rows.start)
-    reused, total, count = len(done), chunks[-1].stop, sum(len(chunks[n]) for n in done)
+    reused, count = len(done), sum(len(chunks[n]) for n in done)
     tell = progress or (lambda done, total: None)
-    tell(count, total)
+    tell(count, samples)
     missing = [number for number in range(len(chunks)) if number not in done]
-    if not missing:
-        return done, reused
-    results = compute_chunks(study, missing, points, workforce or Workers())
+    results = compute_chunks(study, missing, lambda number: points(chunks[number]), workforce or Workers())
     try:
-        for number, evaluated in results:
+        for number, evaluated in results if missing else ():
             done[number] = _lighten(evaluated, chunks[number].start)
             if store is not None:
                 store.write(number, chunks[number].start, done[number], study.strategies)
             count += len(chunks[number])
-            tell(count, total)
+            tell(count, samples)
     finally:
         results.close()
-    return done, reused
-
-
-def chunk_size(study: Study) -> int:
-    """Return the number of samples of a chunk; it depends on the size of the study alone."""
-    poses = len(study.task) * max(len(study.strategies), 1)
-    return int(np.clip(CHUNK_POSES // poses, LEAST_SAMPLES, MOST_SAMPLES))
+    return ChunkResult(*map(np.concatenate, zip(*(done[n] for n in range(len(chunks))), strict=True))), reused
 
 
 def _lighten(evaluated: ChunkResult, start: int) -> ChunkResult:

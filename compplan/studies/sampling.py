@@ -28,10 +28,17 @@ from compplan.job.noise import EXPANSION, NoiseTable
 from compplan.planning.task import PlanTask
 from compplan.robot import Array, Robot
 from compplan.robot.pose import rigid_columns
-from compplan.studies.posterior import RobotPosterior, build_posterior, count_coordinates, move_by_posterior
+from compplan.studies.posterior import (
+    RobotPosterior,
+    build_posterior,
+    count_coordinates,
+    move_by_parameters,
+    move_by_smooth_errors,
+)
+from compplan.toolpath.toolpath import interpolate
 from compplan.uncertainty.assumed import robot_uncertainty
 from compplan.uncertainty.motion import read_placement
-from compplan.uncertainty.sensitivities import CORRELATION, ForceSpread
+from compplan.uncertainty.sensitivities import CORRELATION, ForceSpread, build_path_model, pick_rows
 
 #: Knots of the noise along the path per correlation length, and their greatest number.
 KNOTS, MOST_KNOTS = 10, 20000
@@ -45,6 +52,8 @@ DRIFT = 2.5
 NOISE_ARM, BIAS_ARM = 0.05, 0.1
 #: Standard deviation of the gain of a force sensor (assumed; datasheets state 1 %).
 GAIN = 0.01
+#: Waypoints at which motions of the tip are computed.
+STATIONS = 200
 #: Coordinates of a placement: three translations, three rotations.
 TWIST = 6
 
@@ -103,7 +112,7 @@ def build_context(
         knot=np.minimum(length / spacing, knots - 1.000001),
         forget=float(np.exp(-spacing / CORRELATION)),
         repeatability=robot_uncertainty(task.robot).repeatability or 0.0,
-        posterior=build_posterior(task, command_campaign(task.q_start).approach.T, force),
+        posterior=build_posterior(task.robot, task.q_start, command_campaign(task.q_start).approach.T, force),
     )
 
 
@@ -112,10 +121,7 @@ def differentiate_placements(task: PlanTask, noise: NoiseTable) -> tuple[Array, 
 
     Growth is differentiated on the unloaded robot: the load changes it only by the relative deflection.
     """
-    bare = replace(task.robot, springs=(), link_elasticities=(), effects=())
-    scene = build_model(bare, command_campaign(task.q_start))
-    grown = solve_model_poses(replace(scene, growth=scene.growth + 1.0)).position
-    parts = [grown - solve_model_poses(scene).position]
+    parts = [grow_arm(task.robot, task.q_start)]
     scale = [noise.temperature_K * EXPANSION]
     if task.touched is not None and read_placement(noise) is None:
         parts += list(np.moveaxis(task.touched.spread_part(task.position), 2, 0))
@@ -123,9 +129,22 @@ def differentiate_placements(task: PlanTask, noise: NoiseTable) -> tuple[Array, 
     else:
         parts += list(np.moveaxis(rigid_columns(task.position, task.position.mean(axis=0)), 2, 0))
         scale += [noise.part_frame_mm * 1e-3] * 3 + [float(np.radians(noise.part_frame_deg))] * 3
-    drawn = move_by_posterior(task, robot_uncertainty(task.robot))
-    parts, scale = parts + drawn, scale + [1.0] * len(drawn)
-    return np.ascontiguousarray(np.swapaxes(np.array(parts), 1, 2)), np.array(scale)
+    rows = pick_rows(np.ones(len(task), bool), STATIONS)
+    scene = build_path_model(task.robot, task.q_start, task.wrench, task.step_time)
+    posterior = build_posterior(task.robot, task.q_start, np.zeros((task.robot.nq, len(task))))
+    drawn = [
+        *move_by_parameters(scene, rows, posterior),
+        *move_by_smooth_errors(task.position[rows], robot_uncertainty(task.robot), task.touched),
+    ]
+    parts += [interpolate(np.arange(len(task)), rows, values) for values in drawn]
+    return np.ascontiguousarray(np.swapaxes(np.array(parts), 1, 2)), np.array(scale + [1.0] * len(drawn))
+
+
+def grow_arm(robot: Robot, q: Array) -> Array:
+    """Return the motion of the unloaded tip per thermal growth of the arm at joint positions (n, nq). (n, 3). [m]"""
+    scene = build_model(replace(robot, springs=(), link_elasticities=(), effects=()), command_campaign(q))
+    grown = solve_model_poses(replace(scene, growth=scene.growth + 1.0)).position
+    return np.asarray(grown - solve_model_poses(scene).position)
 
 
 def sample_robots(at: SampleContext, points: Array) -> SampledRobots:
@@ -152,13 +171,13 @@ def sample_robots(at: SampleContext, points: Array) -> SampledRobots:
     force *= _six(noise.force_noise_N, NOISE_ARM * noise.force_noise_N)
     force += (bias[:6, :, None] * _six(drift, BIAS_ARM * drift)
               + GAIN * bias[6, :, None] * wrench)  # fmt: skip
-    zero, drive = np.zeros((at.nq, len(points))), np.zeros((at.nq, len(points), at.wrench.shape[1]))
-    at.posterior.draw(robot, factor, zero, drive)
+    zero = np.zeros((at.nq, len(points)))
+    at.posterior.draw(robot, factor, zero)
     return SampledRobots(
         factor=factor,
         link_share=share,
         zero=zero,
-        drive=drive,
+        drive=at.posterior.draw_drives(robot, np.zeros((at.nq, len(points), at.wrench.shape[1]))),
         causes=causes,
         shift=shift_tip(causes, at.shift),
         wrench=wrench,

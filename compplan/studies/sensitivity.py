@@ -15,7 +15,7 @@ import numpy as np
 from scipy.stats import bootstrap, qmc, sobol_indices
 
 from compplan.robot import Array
-from compplan.studies.runner import chunk_size, evaluate_chunks
+from compplan.studies.runner import evaluate_chunks
 from compplan.studies.study import Study, thin_study
 from compplan.studies.workers import Workers
 
@@ -60,15 +60,12 @@ def measure_sensitivity(
     names = factors.group_names()
     groups = tuple(dict.fromkeys(name for name in names if name))
     points = design_points(np.array(names, dtype=object), groups, base, seed)
-    size = chunk_size(thin)
-    chunks = [range(a, min(a + size, len(points))) for a in range(0, len(points), size)]
-    about: dict[str, object] = {"sensitivity": base, "design": "A, B, AB by group", "seed": seed, "chunk": size}
-    done, _ = evaluate_chunks(
-        thin, chunks, lambda n: points[chunks[n].start : chunks[n].stop],
-        about=about, folder=folder, workforce=workforce, progress=progress,
+    found, _ = evaluate_chunks(
+        thin, len(points), lambda rows: points[rows.start : rows.stop],
+        about={"sensitivity": base, "design": "A, B, AB by group", "seed": seed}, folder=folder, workforce=workforce,
+        progress=progress,
     )  # fmt: skip
-    rms = np.concatenate([done[n].rms for n in range(len(chunks))])
-    total, half = estimate_totals(rms.T.reshape(len(study.strategies), len(groups) + 2, base), seed)
+    total, half = estimate_totals(found.rms.T.reshape(len(study.strategies), len(groups) + 2, base), seed)
     totals = dict(zip(study.strategies, total, strict=True))
     return Sensitivity(groups, totals, dict(zip(study.strategies, half, strict=True)), len(points), len(thin.task))
 

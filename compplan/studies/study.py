@@ -128,7 +128,7 @@ def assemble_study(
         answers=answers,
         commands={name: _prepare_command(thin, c, selection, noise) for name, c in answers.items()},
         kernel=build_kernel(thin.chain),
-        touch=prepare_touch(thin, noise),
+        touch=prepare_touch(thin.robot, thin.touched),
         context=build_context(thin, noise, list_factors(thin.robot, noise), force),
         nominal=np.ascontiguousarray(thin.position.T),
         cut=thin.compensated,
@@ -256,7 +256,7 @@ def _cut_part(study: Study, command: PreparedCommand, robots: SampledRobots, q: 
     shift = robots.shift if command.placements is None else shift_tip(robots.causes, command.placements)
     found = study.nominal[:, None, :]
     if study.touch is not None:
-        found = found + move_part(study.touch, study.kernel, robots, scale, study.nominal)
+        found = found + move_part(study.touch, study.kernel, robots, scale, command.spring_gain, study.nominal)
     moved = shift + robots.repeat[:, :, None] + command.offset[:, None, :] - found
 
     def attain(wrench: Array) -> Array:

@@ -11,6 +11,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from compplan.controllers.writers.joint_convention import controller_robot
 from compplan.effects import Effect
 from compplan.errors import InputError
 from compplan.job.job import Job, load_job
@@ -19,6 +20,7 @@ from compplan.learning.gathered_points import Gathered
 from compplan.learning.model_update import learn_part
 from compplan.learning.representable import add_effect, apply_update
 from compplan.learning.transfer import build_part_terms, choose_transfer, learn_force
+from compplan.planning.plan import build_task, prepare_job
 from compplan.process.force_models.constant import ConstantProcess
 from compplan.process.learned_force import (
     FILE,
@@ -237,3 +239,18 @@ def test_a_folder_holds_lost_motion_and_gear_error_with_what_they_belong_to() ->
     sizes = {"cycles_per_turn": [1.0], "sine_rad": [1e3], "cosine_rad": [0.0]}
     far = Effect("transmission_error", "joint_2", None, sizes)
     assert add_effect(robot, far, np.array([1e3]))[1] == pytest.approx([0.0])
+
+
+def test_geometry_that_a_part_taught_is_not_taken_for_that_of_the_controller(job: Job) -> None:
+    """The controller shows its own zero: a part that was touched off moves with the true one, which was learned."""
+    robot, turn = load_robot("kuka_kr270"), np.array([2e-4])
+    zero = Unknown("joint_offset", "joint_1", None, ("offset_rad",), turn)
+    updated = apply_update(robot, Uncertainty("measured", "test", (zero,), np.eye(1)), turn, np.zeros((1, 1)))[0]
+    believed = controller_robot(updated)
+    for shown, old, new in zip(believed.joints, robot.joints, updated.joints, strict=True):
+        assert np.array_equal(shown.placement, old.placement)
+        assert np.allclose(shown.placement, new.placement, atol=1e-9) == (old.name != "joint_1")
+    _, nominal, options = prepare_job(job)
+    part = build_task(updated, nominal, options).touched
+    assert part is not None and part.displacement is not None
+    assert part.displacement[1, 0] == pytest.approx(2e-4, rel=1e-3)

@@ -77,7 +77,7 @@ def test_a_cluster_that_loses_a_worker_gives_the_same_numbers(
 ) -> None:
     from compplan.studies import runner
 
-    monkeypatch.setattr(runner, "MOST_SAMPLES", 40)
+    monkeypatch.setattr(runner, "CHUNK", 40)
     settings = Settings(samples=800, seed=5)
     victim = cluster.add_worker("victim")
     killed: list[int] = []

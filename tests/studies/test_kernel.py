@@ -27,6 +27,7 @@ from compplan.studies.sampling import draw_points, sample_robots
 from compplan.studies.study import Study, prepare_study, run_strategy
 from compplan.studies.summary import _describe_draws
 from compplan.uncertainty.assumed import robot_uncertainty
+from compplan.uncertainty.band import linearise_path, split_covariance
 from compplan.uncertainty.sensitivities import ForceSpread, apply_wrench_to_model, build_path_model, vary_model
 
 RNG = np.random.default_rng(11)
@@ -227,3 +228,23 @@ def test_joints_that_are_held_at_the_link_feel_no_drive_and_no_motor_encoder(mon
     study = SimpleNamespace(kernel=None, nominal=np.zeros((3, 3)), touch=None)
     judging._cut_part(study, command, robots, np.zeros((2, 1, 3)))  # type: ignore[arg-type]
     assert asked[0][:, 0] == pytest.approx([0.1 + 5.0 - 2.0, 0.2 - 0.5])
+
+
+def test_a_touched_part_follows_gears_and_unexplained_errors_as_in_the_band(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("compplan.studies.sampling.ENCODERS", (0.0, 0.0))
+    part = {**JOB["part"], "touched_off": True}  # type: ignore[dict-item]
+    robot, nominal, options = prepare_job(check_job({**JOB, "part": part}, "job.toml"))
+    keys, waves = ("sine_rad#0", "cosine_rad#0"), {"cycles_per_turn": [3.0]}
+    gear = Unknown("transmission_error", "joint_1", None, keys, np.full(2, 2e-4), waves)
+    tool = Unknown("tool_frame", None, None, ("tx_m", "ty_m", "tz_m"), np.zeros(3))
+    known = Uncertainty("measured", "test", (gear, tool), np.eye(5), unexplained=3e-4, scale=0.3, repeatability=0.0)
+    options = replace(options, posture=PostureSettings(search=False))
+    task = build_task(replace(robot, uncertainty=known), nominal, options)
+    study = prepare_study(task, NoiseTable(**REST), ["none"])
+    z = np.random.default_rng(3).standard_normal((800, count_coordinates(task.robot)))
+    seen = tips(study, z) - tips(study, np.zeros((1, z.shape[1])))
+    scene = build_path_model(task.robot, task.q_start, task.wrench, task.step_time)
+    slopes = linearise_path(scene, known, ForceSpread(0.0, 0.0, 0.0, "test"), task.cut, touched=task.touched)
+    parts = split_covariance(slopes, known)
+    wanted = np.sqrt(np.trace(parts["model"] + parts["unexplained"], axis1=1, axis2=2))
+    assert np.sqrt(np.mean(np.sum(seen**2, axis=2), axis=0))[slopes.rows] == pytest.approx(wanted, rel=0.1)

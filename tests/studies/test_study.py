@@ -31,7 +31,7 @@ HERE = Workers(workers=1)
 def test_two_processes_give_the_numbers_of_one_to_the_last_digit(monkeypatch: pytest.MonkeyPatch) -> None:
     from compplan.studies import runner
 
-    monkeypatch.setattr(runner, "MOST_SAMPLES", 20)
+    monkeypatch.setattr(runner, "CHUNK", 20)
     settings = Settings(samples=50, seed=3)
     one = run_study(small_study(), settings, workforce=HERE)
     two = run_study(small_study(), settings, workforce=Workers(workers=2))
@@ -42,7 +42,7 @@ def test_two_processes_give_the_numbers_of_one_to_the_last_digit(monkeypatch: py
 def test_an_interrupted_study_goes_on_where_it_stopped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     from compplan.studies import runner
 
-    monkeypatch.setattr(runner, "MOST_SAMPLES", 16)
+    monkeypatch.setattr(runner, "CHUNK", 16)
     study, settings = small_study(), Settings(samples=64, seed=3)
 
     def interrupt(done: int, wanted: int) -> None:

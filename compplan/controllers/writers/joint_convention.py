@@ -25,6 +25,7 @@ from compplan.io.tomlfile import (
     refuse_other_types,
 )
 from compplan.robot import Robot
+from compplan.robot.folder import has_moved
 from compplan.robot.pose import build_pose, follow_joints
 from compplan.robot.urdf import Urdf, read_urdf
 
@@ -272,15 +273,21 @@ def krl_status(counting: JointConvention, words: Mapping[str, NDArray[np.str_]])
 
 
 def controller_robot(robot: Robot) -> Robot:
-    """Return the robot with the kinematic model of its controller: controller.urdf of its folder, if the file exists.
+    """Return the robot with the kinematic model of its controller.
+
+    That is controller.urdf of its folder if the file exists, otherwise the geometry of its URDF, without changes that
+    were learned since.
 
     Raises:
         InputError: If controller.urdf is not a URDF or lacks a joint of the chain.
     """
-    if robot.folder is None or not (robot.folder / "controller.urdf").exists():
+    file, text = Path("robot.urdf"), robot.urdf
+    if robot.folder is not None and (robot.folder / "controller.urdf").exists():
+        file = robot.folder / "controller.urdf"
+        text = read_text(file)
+    elif not has_moved(robot, robot):
         return robot
-    file = robot.folder / "controller.urdf"
-    believed = {joint.name: joint for joint in read_urdf(read_text(file), file).joints}
+    believed = {joint.name: joint for joint in read_urdf(text, file).joints}
     own = {element.get("name") for element in ElementTree.fromstring(robot.urdf).findall("joint")}
     joints = list(robot.joints[: robot.carrying])
     for joint in robot.joints[robot.carrying :]:

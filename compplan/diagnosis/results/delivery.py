@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from compplan.diagnosis.data.channels import position_residual
 from compplan.diagnosis.data.shared import NEGLIGIBLE
 from compplan.diagnosis.evidence.evidence import Posterior
-from compplan.diagnosis.results.posterior import state_uncertainty
+from compplan.diagnosis.results.posterior import state_nominal_uncertainty, state_uncertainty
 from compplan.diagnosis.results.verdict import Verdict
 from compplan.diagnosis.search.fit import register_again
 from compplan.diagnosis.search.search import SHIFTS, Claim
@@ -64,10 +64,11 @@ def deliver_robot(
     values = found.posterior.values(fit.search.equations.p)
     state = calibrated_state(fit, values, found.named) if better else nominal
     if not better or not has_equilibrium(problem, state):
-        known = state_uncertainty(fit, found, nominal, plain, good)
-        return Delivery(NOMINAL, nominal, plain, _residual(problem, nominal), known, found.posterior)
+        residual = _residual(problem, nominal)
+        known = state_nominal_uncertainty(folds, nominal, residual, good)
+        return Delivery(NOMINAL, nominal, plain, residual, known, found.posterior)
     state = register_again(fit, state, fit.state.use)
-    known = state_uncertainty(fit, found, state, held, good)
+    known = state_uncertainty(folds, found, state, held, good)
     return Delivery(CALIBRATED, state, stated, _residual(problem, state), known, found.posterior)
 
 

@@ -3,8 +3,9 @@
 The parameters of named effects and small errors are normal about their mean in the calibration, covariance S. For
 parameters absent from the robot folder the mean m counts as well: the second moment about the folder is S + m m^T.
 
-The held-out error beyond noise and parameters is unexplained. A conformal step widens both until the band covers the
-held-out poses. Intervals of named effects hold given that these, and no others, are present.
+The held-out error beyond noise and parameters is unexplained. The parameters that predict a pose are those fitted
+without it: their uncertainty is larger than that of the delivered ones. A conformal step widens both until the band
+covers the held-out poses. Intervals of named effects hold given that these, and no others, are present.
 """
 
 from __future__ import annotations
@@ -16,14 +17,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtri
 
-from compplan.diagnosis.data.channels import group_poses
 from compplan.diagnosis.data.shared import HALF_WIDTH, LEVEL, SAMPLE
 from compplan.diagnosis.evidence.candidates import in_background
 from compplan.diagnosis.evidence.evidence import Posterior
 from compplan.diagnosis.results.verdict import Verdict, drop_insignificant
-from compplan.diagnosis.search.state import Fit, FitState
+from compplan.diagnosis.search.state import Fit, FitState, attain_state
 from compplan.diagnosis.validation.calibration import Calibration
-from compplan.diagnosis.validation.held_out import HeldOut
+from compplan.diagnosis.validation.held_out import Folds, HeldOut, fit_frames, spread_held_out
 from compplan.effects import is_of_instrument
 from compplan.effects.checks import limit_sizes
 from compplan.effects.forward_model import own_springs
@@ -31,7 +31,10 @@ from compplan.effects.signature import Effect
 from compplan.measurement.distance import calibrate_band
 from compplan.robot import Array, Robot
 from compplan.robot.uncertainty import Uncertainty, Unknown, split_unknowns, spread_unknowns
-from compplan.uncertainty.assumed import free_base
+from compplan.uncertainty.assumed import free_base, robot_uncertainty
+from compplan.uncertainty.sensitivities import measure_slopes
+
+Mask = NDArray[np.bool_]
 
 #: Correlation lengths of an unexplained error to choose from (assumed). [m]
 SCALES = (0.05, 0.1, 0.2, 0.3, 0.5, 0.8, 1.3)
@@ -41,53 +44,73 @@ SCALE = SCALES[len(SCALES) // 2]
 FEWEST_POSES = 30
 
 
-def state_uncertainty(
-    fit: Fit, found: Calibration, state: FitState, held: HeldOut, good: NDArray[np.bool_]
-) -> Uncertainty:
-    """Compute the uncertainty of the delivered robot.
+def state_uncertainty(folds: Folds, found: Calibration, state: FitState, held: HeldOut, good: Mask) -> Uncertainty:
+    """Compute the uncertainty of the calibrated robot.
 
     Args:
-        fit: The fit that was calibrated.
+        folds: The fit that was calibrated, and the fold of each row.
         found: Its calibration.
-        state: State of the delivered robot; no values for the nominal robot.
+        state: State of the delivered robot.
         held: Residuals of the delivered model on held-out poses.
         good: Rows that are not outliers. Shape (n,).
     """
+    fit = folds.fit
     unknowns, columns = _list_unknowns(fit, found)
     equations, posterior = fit.search.equations, found.posterior
     at, scale = np.searchsorted(posterior.columns, columns), equations.scale[columns]
     absent = np.array([state.values.get(equations.names[c], 0.0) == 0.0 for c in columns], bool)
     missing = np.where(absent, posterior.mean[at], 0.0)
-    covariance = posterior.covariance.copy()
-    covariance[np.ix_(at, at)] += np.outer(missing, missing)
-    channel, campaign = equations.source[0], fit.problem.campaign
-    design = equations.designs[0][..., posterior.columns] * channel.sigma[:, :, None]
-    model = design @ covariance @ np.swapaxes(design, 1, 2)
+    rows = equations.source[0].rows
+    every = np.ones(len(rows), bool)
+    model = spread_held_out(folds, every, columns, np.outer(missing, missing))
+    for number, without in found.without_fold.items():  # a prediction errs by the posterior without its pose
+        model += spread_held_out(folds, folds.fold[rows] == number, without.columns, without.covariance)
+    covariance = (posterior.covariance[np.ix_(at, at)] + np.outer(missing, missing)) * np.outer(scale, scale)
+    named, root = spread_unknowns(unknowns, covariance)
+    name = fit.problem.campaign.file.name if fit.problem.campaign.file else "a campaign"
+    source = f"diagnosed from {name}, {int(good.sum())} rows at {len(np.unique(folds.pose[good[rows]]))} poses"
+    stated = Uncertainty("measured", source, named, root)
+    return _add_unexplained(folds, stated, model, held, good)
+
+
+def state_nominal_uncertainty(folds: Folds, nominal: FitState, residual: Array, good: Mask) -> Uncertainty:
+    """Compute the uncertainty of the nominal robot: as before the log, and the rest of its gap unexplained.
+
+    A fit that does not predict held-out poses says nothing of the parameters. residual: of the nominal robot, all
+    rows, (n, 3) [m]; other arguments: see `state_uncertainty`.
+    """
+    fit, rows = folds.fit, folds.fit.search.equations.source[0].rows
+    known, poses = robot_uncertainty(fit.problem.robot), len(np.unique(folds.pose))
+    moved = measure_slopes(attain_state(fit.problem, nominal)[0], known.unknowns, rows) @ known.spread
+    model = np.zeros((len(rows), 3, 3))
+    for column in np.moveaxis(moved, 2, 0):
+        left = fit_frames(fit, column, poses)
+        model += np.einsum("ni,nj->nij", left, left)
+    name = fit.problem.campaign.file.name if fit.problem.campaign.file else "a campaign"
+    source = f"{known.source}; unexplained error from {name}, whose fit did not hold on left-out poses"
+    held = HeldOut(rows, fit_frames(fit, residual[rows], poses))
+    return _add_unexplained(folds, replace(known, source=source), model, held, good)
+
+
+def _add_unexplained(folds: Folds, known: Uncertainty, model: Array, held: HeldOut, good: Mask) -> Uncertainty:
+    """Add the unexplained error and the calibration factor; model: covariance of the predictions, (r, 3, 3) [m^2]."""
+    fit, channel = folds.fit, folds.fit.search.equations.source[0]
     noise = channel.sigma[:, 0] ** 2 + channel.noise.stay**2
     seen = good[channel.rows]
     left, n_values, axes = held.residual[seen], channel.n_values[seen], channel.axes[seen]
     excess = np.sum(left**2, axis=1) - n_values * noise[seen] - np.trace(model[seen], axis1=1, axis2=2)
     # the value of a gauge or a bar covers one of three axes
     unexplained = float(np.sqrt(max(axes.shape[1] * excess.sum() / n_values.sum(), 0.0))) if len(left) else 0.0
-    place = fit.at.point[channel.rows][seen]
-    pose = group_poses(campaign)[channel.rows][seen]
+    pose = folds.pose[seen]
     along = unexplained**2 / axes.shape[1] * axes
     factor, groups = calibrate_band(left, model[seen] + along, noise[seen][:, None, None] * axes, pose)
-    named, root = spread_unknowns(unknowns, covariance[np.ix_(at, at)] * np.outer(scale, scale))
-    name = campaign.file.name if campaign.file else "a campaign"
-    stated = Uncertainty(
-        grade="measured",
-        source=f"diagnosed from {name}, {int(good.sum())} rows at {len(np.unique(pose))} poses",
-        unknowns=named,
-        factor=root,
-        unexplained=unexplained,
-        scale=find_scale(place, left, pose) if unexplained > 0 else SCALE,
-        repeatability=fit.problem.robot.repeatability or channel.noise.stay or None,
-        calibration=factor,
-        groups=groups,
-    )
-    frames = state.registration
-    unknown_base = frames is not None and ("base" in frames.parts or campaign.free_base)
+    stated = replace(
+        known, unexplained=unexplained,
+        scale=find_scale(fit.at.point[channel.rows][seen], left, pose) if unexplained > 0 else SCALE,
+        repeatability=fit.problem.robot.repeatability or channel.noise.stay or None, calibration=factor, groups=groups,
+    )  # fmt: skip
+    frames = fit.state.registration
+    unknown_base = frames is not None and ("base" in frames.parts or fit.problem.campaign.free_base)
     return free_base(fit.problem.robot, stated) if unknown_base else stated
 
 

@@ -19,7 +19,7 @@ repeated without each fold of poses, which validates the robot folder on held-ou
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -107,33 +107,30 @@ class SolvedMeans:
         inner = self.information * np.outer(deviation, deviation) + np.eye(len(deviation))
         return mirror_lower(invert_factor(factorize(inner))) * np.outer(deviation, deviation)
 
-    def values(self, p: int) -> Array:
-        """Return the values of all columns. Shape (p,)."""
-        full = np.zeros(p)
-        full[self.means.columns] = self.mean
-        return full
-
 
 @dataclass(frozen=True, eq=False)
 class Calibration:
-    """Named signatures, posterior of all rows, and values of all columns without each fold, shape (folds, p)."""
+    """Named signatures, posterior of all rows, and posterior without each fold by its number."""
 
     named: tuple[int, ...]
     posterior: Posterior
-    without_fold: Array
+    without_fold: Mapping[int, Posterior]
 
 
 def calibrate(folds: Folds, claims: Sequence[Claim]) -> Calibration:
     """Fit named effects and all small errors, to all rows and without each fold."""
-    fit, p = folds.fit, folds.fit.search.equations.p
+    fit = folds.fit
     means = average_stays(fit.search.equations, claims, np.exp(fit.model.posterior.hyper.log_noise))
     whole = solve_means(means)
     near = whole if len(np.unique(folds.pose)) >= CALIBRATION.many_poses else None
-    parts = [solve_means(means, folds.fold[means.row] != number, near).values(p) for number in folds.numbers]
-    columns = whole.means.columns
-    usual = (EVIDENCE.tau_scale * fit.search.prior.spread[columns]) ** 2
-    posterior = Posterior(0.0, columns, whole.mean, fit.model.posterior.hyper, lambda: whole.covariance(usual))
-    return Calibration(tuple(claim.signature for claim in claims), posterior, np.array(parts))
+    usual = (EVIDENCE.tau_scale * fit.search.prior.spread) ** 2
+
+    def find(solved: SolvedMeans) -> Posterior:
+        columns, hyper = solved.means.columns, fit.model.posterior.hyper
+        return Posterior(0.0, columns, solved.mean, hyper, lambda: solved.covariance(usual[columns]))
+
+    parts = {number: find(solve_means(means, folds.fold[means.row] != number, near)) for number in folds.numbers}
+    return Calibration(tuple(claim.signature for claim in claims), find(whole), parts)
 
 
 def calibrated_state(fit: Fit, values: Array, named: Sequence[int]) -> FitState:
@@ -145,8 +142,8 @@ def calibrated_state(fit: Fit, values: Array, named: Sequence[int]) -> FitState:
 
 def hold_out_calibration(folds: Folds, found: Calibration) -> HeldOut:
     """Predict every row with the robot calibrated without its fold, as read from its folder."""
-    values = dict(zip(folds.numbers, found.without_fold, strict=True))
-    return folds.hold_out(lambda number: calibrated_state(folds.fit, values[number], found.named))
+    p = folds.fit.search.equations.p
+    return folds.hold_out(lambda number: calibrated_state(folds.fit, found.without_fold[number].values(p), found.named))
 
 
 def is_calibrated(signature: Signature) -> bool:
