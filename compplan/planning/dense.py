@@ -55,6 +55,7 @@ class PathSolution:
     """Solution of the program along a path."""
 
     q: Array  #: Joint positions at every waypoint. Shape (n, nq). [rad or m]
+    missed: Array  #: Greatest pose error of every waypoint. Shape (n,). [m, rad]
     stations: Solution  #: Last solution of the program.
     solves: int  #: Number of solves.
     iterations: int  #: Total iterations of the solver.
@@ -77,10 +78,10 @@ def solve_path(task: PlanTask, near: Array | None = None) -> PathSolution:
     """
     most = REDUNDANT_STATIONS if task.redundant else STATIONS
     stations, released, lost = pick_stations(task, most), task.missed.copy(), np.flatnonzero(task.missed)
-    q = correct_pose(task, task.q_start if near is None else near, lost)
-    leaving = _find_leaving(task, q, lost)
+    q, missed = correct_pose(task, task.q_start if near is None else near, lost)
+    leaving = _find_leaving(task, q, missed, lost)
     stations = np.union1d(np.setdiff1d(stations, lost), np.r_[leaving, select_even(lost, STATIONS)])
-    q[leaving] = np.clip(task.q_start[leaving], task.robot.lower, task.robot.upper)
+    q[leaving], missed[leaving] = np.clip(task.q_start[leaving], task.robot.lower, task.robot.upper), np.inf
     if released.any() or (len(leaving) and not task.redundant):  # Newton steps found the only solution
         released[stations] = True
     solves, iterations, cpu, memory = 0, 0, 0.0, bool(task.robot.effects)
@@ -91,14 +92,14 @@ def solve_path(task: PlanTask, near: Array | None = None) -> PathSolution:
             LOG.debug("%s: all stations are released", explain_conflict(solution))
             released[stations] = True
             continue
-        q = fill_waypoints(task, solution, q)
-        if len(leaving := _find_leaving(task, q, np.union1d(stations, lost))) and last < SOLVES:
+        q, missed = fill_waypoints(task, solution, q)
+        if len(leaving := _find_leaving(task, q, missed, np.union1d(stations, lost))) and last < SOLVES:
             stations = np.union1d(stations, leaving)
-            q[leaving] = np.clip(task.q_start[leaving], task.robot.lower, task.robot.upper)
+            q[leaving], missed[leaving] = np.clip(task.q_start[leaving], task.robot.lower, task.robot.upper), np.inf
             released[stations] = not task.redundant or released.any()
         elif not memory or np.abs(q[stations] - solution.q).max(initial=0.0) < EQUAL_MEMORY:
             break
-    return PathSolution(q, solution, solves, iterations, cpu, explain_conflict(solution))
+    return PathSolution(q, missed, solution, solves, iterations, cpu, explain_conflict(solution))
 
 
 def state_problem(task: PlanTask, stations: NDArray[np.int_], q: Array, released: NDArray[np.bool_]) -> PlanningProblem:
@@ -168,10 +169,10 @@ def pick_stations(task: PlanTask, most: int) -> NDArray[np.int_]:
     return np.asarray(rows[np.unique(np.clip(at, 0, len(rows) - 1))])
 
 
-def fill_waypoints(task: PlanTask, solution: Solution, near: Array) -> Array:
+def fill_waypoints(task: PlanTask, solution: Solution, near: Array) -> tuple[Array, Array]:
     """Solve the loaded pose at every waypoint from `near` (n, nq), with the redundancy of the program at its stations.
 
-    At waypoints out of reach the joint positions are interpolated between stations.
+    At waypoints out of reach the joint positions are interpolated between stations. Returns as `correct_pose`.
     """
     rows, missing, lost = solution.problem.waypoint, np.abs(solution.slack).max(axis=1) > CAN_KEEP, task.missed
     if not solution.success:  # stations once reached remain so
@@ -180,10 +181,10 @@ def fill_waypoints(task: PlanTask, solution: Solution, near: Array) -> Array:
     q = np.array(near)
     q[lost] = interpolate(np.flatnonzero(lost), rows, solution.q)
     q[rows[missing]] = solution.q[missing]
-    q = correct_pose(task, q, held)
+    q, left = correct_pose(task, q, held)
     away = solution.q - q[rows]
     if not task.redundant or np.abs(away).max() < EQUAL:
-        return q
+        return q, left
     length = np.r_[0.0, np.cumsum(np.maximum(task.step_time, 1e-9))]
     moved = PchipInterpolator(length[rows], away)(np.clip(length, length[rows[0]], length[rows[-1]]))
     q = np.clip(q + np.where(task.compensated[:, None], moved, 0.0), task.robot.lower, task.robot.upper)
@@ -191,33 +192,33 @@ def fill_waypoints(task: PlanTask, solution: Solution, near: Array) -> Array:
     return correct_pose(task, q, held)
 
 
-def correct_pose(task: PlanTask, q: Array, held: NDArray[np.int_]) -> Array:
+def correct_pose(task: PlanTask, q: Array, held: NDArray[np.int_]) -> tuple[Array, Array]:
     """Solve the pose equations by least-norm Newton steps of the joints inside their limits.
 
-    q: joint positions (n, nq) [rad or m]; held: waypoints with fixed joint positions.
+    q: joint positions (n, nq) [rad or m]; held: waypoints with fixed joint positions. Returns joint positions, and the
+    greatest pose error of every waypoint. Shapes (n, nq) and (n,). [rad or m; m, rad]
     """
     robot, busy, ease = task.robot, np.setdiff1d(np.arange(len(q)), held), 1.0 / task.joint_weights
-    missed = miss_pose(task, q, busy)
+    q, missed = np.array(q), miss_pose(task, q)
     for _ in range(STEPS):
-        busy = busy[size_of(missed) > EXACT]
+        busy = busy[size_of(missed[busy]) > EXACT]
         if not len(busy):
             break
         attained = attain_rows(task, q, busy)
-        missed = pose_equations(task, attained, busy)
         free = (q[busy] > robot.lower + 1e-7) & (q[busy] < robot.upper - 1e-7) & ~task.fixed_joints
         columns = differentiate_equations(task, attained, busy) * free[:, None, :]
         eased = np.swapaxes(columns, 1, 2) * ease[:, None]
         normal = columns @ eased + 1e-14 * np.eye(columns.shape[1])
-        step = eased @ np.linalg.solve(normal, missed[..., None])
+        step = eased @ np.linalg.solve(normal, missed[busy, :, None])
         trial = q.copy()
         trial[busy] = np.clip(q[busy] - step[..., 0], robot.lower, robot.upper)
         left = miss_pose(task, trial, busy)
-        worse = size_of(left) >= size_of(missed)
-        trial[busy[worse]] = q[busy[worse]]
-        q, busy, missed = trial, busy[~worse], left[~worse]
-        if task.robot.effects and worse.any():  # effects with a memory depend on the complete path
-            missed = miss_pose(task, q, busy)
-    return q
+        better = size_of(left) < size_of(missed[busy])
+        busy = busy[better]
+        q[busy], missed[busy] = trial[busy], left[better]
+        if robot.effects:  # effects with a memory depend on the complete path
+            missed = miss_pose(task, q)
+    return q, size_of(missed)
 
 
 def miss_pose(task: PlanTask, q: Array, rows: NDArray[np.int_] | None = None) -> Array:
@@ -231,11 +232,10 @@ def size_of(rows: Array) -> Array:
     return np.asarray(np.abs(rows).max(axis=1))
 
 
-def _find_leaving(task: PlanTask, q: Array, stations: NDArray[np.int_]) -> NDArray[np.int_]:
-    """Find waypoints other than stations that miss their pose or violate a limit."""
-    missed = size_of(miss_pose(task, q)) > KEPT
-    if task.robot.effects:
-        missed[:] = False  # lost motion at a reversal does not violate a limit; the evaluation includes it
+def _find_leaving(task: PlanTask, q: Array, missed: Array, stations: NDArray[np.int_]) -> NDArray[np.int_]:
+    """Find waypoints other than stations that miss their pose, by an error `missed` (n,), or violate a limit."""
+    # lost motion at a reversal does not violate a limit; the evaluation includes it
+    away = np.zeros(len(q), bool) if task.robot.effects else missed > KEPT
     far = task.compensated & (measure_correction(task, q) > task.max_correction + AT_CORRECTION)
     outside = ((q < task.robot.lower - 1e-9) | (q > task.robot.upper + 1e-9)).any(axis=1)
-    return select_even(np.setdiff1d(np.flatnonzero(missed | far | outside), stations), MOST_MORE)
+    return select_even(np.setdiff1d(np.flatnonzero(away | far | outside), stations), MOST_MORE)

@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from compplan.effects.backlash import lead_play, list_plays, without_play
-from compplan.planning.dense import KEPT, correct_pose, miss_pose, size_of, solve_path
+from compplan.planning.dense import KEPT, correct_pose, solve_path
 from compplan.planning.task import OUT_OF_REACH, Command, PlanTask, check_limits, name_failures
 from compplan.robot import Array
 
@@ -29,7 +29,7 @@ def command_path(task: PlanTask, near: Command | None = None) -> Command:
     facts = found.describe()
     if near is not None and near.nlp:
         facts |= {name: near.nlp[name] + facts[name] for name in ("solves", "iterations", "cpu_s")}
-    return _finish(real, found.q, Command(found.q, solve_time=found.cpu, nlp=facts))
+    return _finish(real, found.q, found.missed, Command(found.q, solve_time=found.cpu, nlp=facts))
 
 
 def approach_path(task: PlanTask) -> Command:
@@ -44,7 +44,7 @@ def correct_command(task: PlanTask, command: Command) -> Command:
     Failed waypoints keep their joint positions.
     """
     failing = np.array(sorted(command.failures), int)
-    return _finish(task, correct_pose(without_lost_motion(task), np.array(command.links), failing), command)
+    return _finish(task, *correct_pose(without_lost_motion(task), command.links, failing), command)
 
 
 def without_lost_motion(task: PlanTask) -> PlanTask:
@@ -52,9 +52,11 @@ def without_lost_motion(task: PlanTask) -> PlanTask:
     return replace(task, robot=without_play(task.robot))
 
 
-def _finish(task: PlanTask, q: Array, command: Command) -> Command:
-    """Compensate lost motion, and list waypoints that violate the pose equations or a limit; q: link side."""
-    missed = size_of(miss_pose(without_lost_motion(task), q))
+def _finish(task: PlanTask, q: Array, missed: Array, command: Command) -> Command:
+    """Compensate lost motion, and list waypoints that violate the pose equations or a limit.
+
+    q: link side, shape (n, nq) [rad or m]; missed: their greatest pose errors, shape (n,). [m, rad]
+    """
     failures = name_failures(task, q, np.flatnonzero(missed > KEPT))
     # at a contact whose correction is added at rest, the play is crossed before the cut
     contacts = np.flatnonzero(task.lead[:-1] & ~task.lead[1:] & ~task.leaving[:-1]) + 1
