@@ -114,17 +114,15 @@ def fold_effects(robot: Robot, effects: Iterable[Effect]) -> Robot:
 
 
 def command_campaign(
-    q: Array, wrench: Array | None = None, *, time: Array | None = None, on_path: bool = True,
-    temperature: Array | None = None,
-) -> Campaign:  # fmt: skip
+    q: Array, wrench: Array | None = None, *, time: Array | None = None, on_path: bool = True
+) -> Campaign:
     """Build a campaign of commanded rows.
 
     q: joint positions, (n, nq) [rad or m]; wrench: on the tool, base axes, none if left out, (n, 6) [N, N m]; time:
-    since the beginning, for effects of motion, (n,) [s]; on_path: whether the rows are passed in motion;
-    temperature: of the structure, (n,) [C].
+    since the beginning, for effects of motion, (n,) [s]; on_path: whether the rows are passed in motion.
     """
     q = np.atleast_2d(np.asarray(q, float))
     load = np.zeros((len(q), 6)) if wrench is None else np.broadcast_to(np.asarray(wrench, float), (len(q), 6))
     run = np.array(["path" if on_path else "static"] * len(q), dtype=np.str_)
     nowhere = np.full((len(q), 3), np.nan)
-    return Campaign(run=run, q=q, wrench=load, position=nowhere, time=time, temperature=temperature)
+    return Campaign(run=run, q=q, wrench=load, position=nowhere, time=time)

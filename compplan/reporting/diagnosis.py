@@ -16,7 +16,7 @@ from compplan.diagnosis import Diagnosis
 from compplan.diagnosis.data.conventions import name_convention
 from compplan.diagnosis.results.assessment import Assessment, Correction, Pose, assess_diagnosis
 from compplan.diagnosis.results.next_measurement import propose_measurements
-from compplan.diagnosis.results.shares import CALIBRATION, Share
+from compplan.diagnosis.results.shares import CALIBRATION
 from compplan.diagnosis.results.where import Split, split_diagnosis
 from compplan.diagnosis.self_test import SelfTest
 from compplan.errors import InputError
@@ -214,14 +214,13 @@ def _show_where(diagnosis: Diagnosis, split: Split, rows: _UsedRows) -> Section:
               90 + 30 * len(shares.by_factor)),
     ]  # fmt: skip
     if split.small_errors is not None and split.small_errors.groups:
-        kinds = [[place, kind, *_show_share(share)] for place, kind, share in split.small_errors.groups]
+        kinds = [
+            [place, kind, format_percent(one.share), f"{format_percent(one.low)} to {format_percent(one.high)}"]
+            for place, kind, one in split.small_errors.groups
+        ]
         caption = "The gap divided among all errors of the updated robot, named or not, by place and kind."
         blocks.append(DataTable(["place", "kind", "share of the gap", "95 %"], kinds, caption, 12))
     return Section("Where it lies", blocks)
-
-
-def _show_share(share: Share) -> tuple[str, str]:
-    return format_percent(share.share), f"{format_percent(share.low)} to {format_percent(share.high)}"
 
 
 def _show_which(table: Mapping[str, Any], structure: Sequence[str]) -> Section:

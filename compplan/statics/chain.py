@@ -183,15 +183,11 @@ class Frames(NamedTuple):
     ground: Array  #: Orientation of the fixed frame of gravity, base axes. Shape (n, 3, 3).
 
 
-def build_chain(robot: Robot, *, gravity: bool = True) -> Chain:
+def build_chain(robot: Robot) -> Chain:
     """Build the elastic chain of a robot.
 
     Springs act after the motion of their joint in the order they are listed; the 6x6 elasticity of a link acts at its
     far end, tx ty tz rx ry rz in this order.
-
-    Args:
-        robot: The robot.
-        gravity: Whether gravity loads the springs.
     """
     row = ElementRow()
     hanging = robot.loading_bodies
@@ -216,7 +212,7 @@ def build_chain(robot: Robot, *, gravity: bool = True) -> Chain:
             row.move(far_end)
             row.add_link(block.link, block.compliance)
             row.move(np.asarray(np.linalg.inv(far_end), float))
-    return Chain(**row.arrays(robot, gravity))
+    return Chain(**row.arrays(robot))
 
 
 def locate_frames(chain: Chain, q: Array, theta: Array | None = None) -> Frames:

@@ -98,13 +98,12 @@ class ElementRow:
             first = last
         return whole
 
-    def arrays(self, robot: Robot, gravity: bool) -> dict[str, Any]:
+    def arrays(self, robot: Robot) -> dict[str, Any]:
         """Return the fields of the chain."""
         names, poses, axes, translates, q, multiplier, offset, theta = zip(*self.elements, strict=True)
         pose = np.array(poses)
         driver = {name: k for k, name in enumerate(names) if q[k] >= 0}
         down = robot.loading_gravity
-        g = down if gravity and down is not None else np.zeros(3)
         return {
             "names": tuple(names),
             "rotation": pose[:, :3, :3].copy(),
@@ -121,7 +120,7 @@ class ElementRow:
             "mass": np.array([body[1] for body in self.bodies], float),
             "centre": np.array([body[2] for body in self.bodies], float).reshape(-1, 3),
             "compliance": self._compliance(),
-            "gravity": np.asarray(g, float),
+            "gravity": np.zeros(3) if down is None else np.asarray(down, float),
             "actuator": np.array(self.actuator, bool),
             "link_share": np.array(self.link_share, float),
             "ground": self.ground,
