@@ -4,8 +4,8 @@ A module holds `name`, its description `words` ({at} is the place), the place it
 that its error `follows`, `of_instrument` for errors of instrument, sensor or clock alone, and up to three functions:
 
     signatures(at)          possible places and forms of the effect, to first order
-    apply(model, effect)    the exact forward model; left out: the robot of `fold`
     fold(robot, effect)     the robot with the effect in URDF and springs, or None; left out: they cannot express it
+    apply(model, effect)    the exact forward model where `fold` returns None or is left out
 
 To simulate any mixture of effects exactly:
 
@@ -62,11 +62,9 @@ def _in_order(effects: Iterable[Effect]) -> list[Effect]:
 def apply_effects(model: ForwardModel, effects: Iterable[Effect]) -> ForwardModel:
     """Apply effects to a model, exactly, in the order of the vocabulary; several of one name and place add up."""
     for effect in _in_order(effects):
-        apply = getattr(EFFECTS[effect.name], "apply", None)
-        if apply is not None:
-            model = apply(model, effect)
-        elif (folded := fold_effect(model.robot, effect)) is not None:
-            model = replace(model, robot=folded)
+        folded = fold_effect(model.robot, effect)
+        apply: Any = getattr(EFFECTS[effect.name], "apply", None)
+        model = apply(model, effect) if folded is None else replace(model, robot=folded)
     return model
 
 
