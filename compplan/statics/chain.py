@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from compplan.errors import ShapeError
 from compplan.robot import Array, Robot
-from compplan.statics.elements import ElementRow, spring_axis, translation
+from compplan.statics.elements import ElementRow
 from compplan.statics.sweep import (
     CHUNK,
     CompiledChain,
@@ -199,10 +199,7 @@ def build_chain(robot: Robot) -> Chain:
             row.add_joint(joint, robot.joint_names)
         for spring in robot.springs:
             if spring.joint == joint.name:
-                translates, axis = spring_axis(spring.axis, joint)
-                row.move(translation(spring.offset))
-                row.add_elastic(spring, axis, translates)
-                row.move(translation(-spring.offset))
+                row.add_elastic(spring, joint)
         row.add_bodies(bodies.get(joint.child, []))
         if joint.child == robot.ground:
             row.set_ground()
