@@ -25,7 +25,7 @@ from compplan.job.job import Job
 from compplan.planning.checks import state_breaches, state_notes
 from compplan.planning.executed import bound_zones
 from compplan.planning.result import Plan
-from compplan.planning.tolerance_verdict import ToleranceVerdict, state_percent
+from compplan.planning.tolerance_verdict import state_percent
 from compplan.reporting.writers.recording import write_recording
 from compplan.robot import Array
 from compplan.statics.chain import locate_frames
@@ -348,17 +348,13 @@ def place_events(events: Sequence[Event], before: int, count: int, after: int) -
 
 
 def _head(plan: Plan) -> list[str]:
+    verdict = plan.verdict
+    words = {"keeps": "keeps", "may_not_keep": "MAY NOT KEEP", "not_known": "NOT KNOWN if it keeps"}
     lines = [
         f"compplan: {plan.name}",
         f"robot {plan.robot.name}, robot model: {plan.robot.grade}, strategy {plan.strategy}",
-    ]
-    return [*lines, *head_of_status(plan), *head_of_verdict(plan.verdict)]
-
-
-def head_of_verdict(verdict: ToleranceVerdict) -> list[str]:
-    """Return the head lines of the verdict."""
-    words = {"keeps": "keeps", "may_not_keep": "MAY NOT KEEP", "not_known": "NOT KNOWN if it keeps"}
-    lines = [f"verdict: {words[verdict.word]} {state_mm(verdict.tolerance)}"]
+        *head_of_status(plan), f"verdict: {words[verdict.word]} {state_mm(verdict.tolerance)}",
+    ]  # fmt: skip
     lines += [] if verdict.band is None else [f"true tip within {state_mm(verdict.band)}, 95 %"]
     return lines + ([f"beyond: {state_percent(verdict.beyond_share)} of the cut"] if verdict.beyond_share else [])
 
