@@ -308,26 +308,10 @@ def locate_gravity(chain: Chain, frames: Frames) -> Array:
     return chain.gravity[None] if chain.ground < 0 else np.asarray(frames.ground @ chain.gravity)
 
 
-def gravity_torque(chain: Chain, frames: Frames) -> Array:
-    """Compute the load of the weights on every element.
-
-    tau_k = a_k . (sum_j (c_j - o_k) x m_j g) over the bodies beyond element k (a_k . sum_j m_j g where it translates).
-
-    Args:
-        chain: The chain.
-        frames: Its frames at n poses.
-
-    Returns:
-        Generalised load on each element. Shape (n, m). [N m or N]
-    """
-    n, m = frames.axis.shape[:2]
-    if not chain.gravity.any() or not len(chain.body_element):
-        return np.zeros((n, m))
-    return load_elements(chain, frames, np.zeros((1, 6)))
-
-
 def load_elements(chain: Chain, frames: Frames, wrench: Array) -> Array:
     """Compute the load of wrench and weights on every element: J^T w + tau_g.
+
+    tau_g,k = a_k . sum_j (c_j - o_k) x m_j g over the bodies beyond element k (a_k . sum_j m_j g where it translates).
 
     Args:
         chain: The chain.
