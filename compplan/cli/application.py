@@ -19,8 +19,7 @@ import click
 
 from compplan.cli.terminal import add_verbosity, close_streams, open_streams
 from compplan.errors import CompplanError, InputError, find_near
-from compplan.io.lazy_imports import put_off
-from compplan.io.process_settings import THREADS, keep_freed_memory
+from compplan.io.process_settings import THREADS, keep_freed_memory, put_off
 from compplan.io.provenance import record_inputs
 from compplan.version import VERSION
 

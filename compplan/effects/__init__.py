@@ -4,8 +4,8 @@ A module holds `name`, its description `words` ({at} is the place), the place it
 that its error `follows`, `of_instrument` for errors of instrument, sensor or clock alone, and up to three functions:
 
     signatures(at)          possible places and forms of the effect, to first order
-    apply(model, effect)    the exact forward model; left out: the robot of `fold`
     fold(robot, effect)     the robot with the effect in URDF and springs, or None; left out: they cannot express it
+    apply(model, effect)    the exact forward model where `fold` returns None or is left out
 
 To simulate any mixture of effects exactly:
 
@@ -62,11 +62,9 @@ def _in_order(effects: Iterable[Effect]) -> list[Effect]:
 def apply_effects(model: ForwardModel, effects: Iterable[Effect]) -> ForwardModel:
     """Apply effects to a model, exactly, in the order of the vocabulary; several of one name and place add up."""
     for effect in _in_order(effects):
-        apply = getattr(EFFECTS[effect.name], "apply", None)
-        if apply is not None:
-            model = apply(model, effect)
-        elif (folded := fold_effect(model.robot, effect)) is not None:
-            model = replace(model, robot=folded)
+        folded = fold_effect(model.robot, effect)
+        apply: Any = getattr(EFFECTS[effect.name], "apply", None)
+        model = apply(model, effect) if folded is None else replace(model, robot=folded)
     return model
 
 
@@ -114,17 +112,15 @@ def fold_effects(robot: Robot, effects: Iterable[Effect]) -> Robot:
 
 
 def command_campaign(
-    q: Array, wrench: Array | None = None, *, time: Array | None = None, on_path: bool = True,
-    temperature: Array | None = None,
-) -> Campaign:  # fmt: skip
+    q: Array, wrench: Array | None = None, *, time: Array | None = None, on_path: bool = True
+) -> Campaign:
     """Build a campaign of commanded rows.
 
     q: joint positions, (n, nq) [rad or m]; wrench: on the tool, base axes, none if left out, (n, 6) [N, N m]; time:
-    since the beginning, for effects of motion, (n,) [s]; on_path: whether the rows are passed in motion;
-    temperature: of the structure, (n,) [C].
+    since the beginning, for effects of motion, (n,) [s]; on_path: whether the rows are passed in motion.
     """
     q = np.atleast_2d(np.asarray(q, float))
     load = np.zeros((len(q), 6)) if wrench is None else np.broadcast_to(np.asarray(wrench, float), (len(q), 6))
     run = np.array(["path" if on_path else "static"] * len(q), dtype=np.str_)
     nowhere = np.full((len(q), 3), np.nan)
-    return Campaign(run=run, q=q, wrench=load, position=nowhere, time=time, temperature=temperature)
+    return Campaign(run=run, q=q, wrench=load, position=nowhere, time=time)

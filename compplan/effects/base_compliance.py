@@ -31,10 +31,7 @@ def signatures(at: Linearization) -> Iterable[Signature]:
 
 
 def apply(model: ForwardModel, effect: Effect) -> ForwardModel:
-    """Add the tilt compliance to the base spring, or to the model."""
-    folded = fold(model.robot, effect)
-    if folded is not None:
-        return replace(model, robot=folded)
+    """Add the tilt compliance to the model of a robot without a spring at its base."""
     tilt = model.tilt.copy()
     tilt["xyz".index(str(effect.axis)[1])] += float(effect.parameters[KEY])
     return replace(model, tilt=tilt)

@@ -13,7 +13,7 @@ from compplan.effects.linearization import Linearization
 from compplan.effects.signature import Effect, Signature
 from compplan.robot import Robot
 from compplan.robot.model import STANDARD_GRAVITY
-from compplan.statics.chain import gravity_torque
+from compplan.statics.chain import load_elements
 
 name = "gravity_sag"
 words = "link weights bend the arm and the model leaves them out"
@@ -28,8 +28,8 @@ def signatures(at: Linearization) -> Iterable[Signature]:
     found = at.current.get((name, None, None), {})
     if (at.robot.gravity is None or SHARE in found) and at.attained.chain.n_springs:
         chain = at.attained.chain
-        elements = chain.spring_elements
-        loads = gravity_torque(replace(chain, gravity=at.robot.real_gravity), at.attained.frames)[:, elements, None]
+        weighed = replace(chain, gravity=at.robot.real_gravity)
+        loads = load_elements(weighed, at.attained.frames, np.zeros((1, 6)))[:, chain.spring_elements, None]
         twist, encoder = at.load_response(loads / STANDARD_GRAVITY)
         yield Signature(name, None, None, "", (SHARE,), np.array([STANDARD_GRAVITY]), twist, encoder, positive=True)
     rigid = not any(spring.compliance > 0 for spring in at.own.values())

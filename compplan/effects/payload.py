@@ -44,10 +44,7 @@ def payload_values(effect: Effect) -> Array:
 
 
 def apply(model: ForwardModel, effect: Effect) -> ForwardModel:
-    """Add the mass to the flange."""
-    folded = fold(model.robot, effect)
-    if folded is not None:
-        return replace(model, robot=folded)
+    """Add the mass to the flange of a robot without gravity in its model."""
     return replace(model, payload=model.payload + payload_values(effect))
 
 

@@ -135,20 +135,20 @@ class Shown:
 
 
 def format_figures(figures: Sequence[tuple[str, str]]) -> list[str]:
-    """Format figures, pairs of name and text, as lines with aligned texts."""
+    """Format figures, pairs of name and text, as lines with aligned texts, two a figure at most."""
     width = max((len(name) for name, _ in figures), default=0)
-    return [line for name, words in figures for line in wrap_words(words, f"  {name:<{width}}  ")]
+    lines: list[str] = []
+    for name, words in figures:
+        head = f"  {name:<{width}}  "
+        wrapped = textwrap.wrap(words, MOST_LETTERS, initial_indent=head, subsequent_indent=" " * len(head))
+        long = len(wrapped) > 2
+        lines += [wrapped[0], cut_line(f"{wrapped[1]} {wrapped[2].strip()}")] if long else wrapped
+    return lines
 
 
-def wrap_words(words: str, head: str) -> list[str]:
-    """Wrap text after a head into at most two lines."""
-    lines = textwrap.wrap(words, MOST_LETTERS, initial_indent=head, subsequent_indent=" " * len(head))
-    return lines if len(lines) <= 2 else [lines[0], cut_line(f"{lines[1]} {lines[2].strip()}")]
-
-
-def cut_line(line: str, most: int = MOST_LETTERS) -> str:
+def cut_line(line: str) -> str:
     """Shorten a long line at a word."""
-    return line if len(line) <= most else line[: most - 4].rpartition(" ")[0] + " ..."
+    return line if len(line) <= MOST_LETTERS else line[: MOST_LETTERS - 4].rpartition(" ")[0] + " ..."
 
 
 def draw_curves(curves: Curves, axes: Axes) -> Axes:

@@ -38,20 +38,15 @@ def format_set_length(metres: float) -> str:
     return f"{format_set_value(1e3 * metres)}\u00a0mm"
 
 
-def format_length(metres: float, digits: int = 3) -> str:
-    """Format a measured or computed length: um below 0.1 mm, mm otherwise.
-
-    Args:
-        metres: The length. [m]
-        digits: Significant digits.
-    """
+def format_length(metres: float) -> str:
+    """Format a measured or computed length [m] with three digits: um below 0.1 mm, mm otherwise."""
     if math.isnan(metres):
         return "–"
     if 0 < abs(metres) < 1e-8:
         return "below 0.01\u00a0µm"
     if abs(metres) < 1e-4:
-        return f"{format_number(metres * 1e6, digits)}\u00a0µm"
-    return f"{format_number(metres * 1e3, digits)}\u00a0mm"
+        return f"{format_number(metres * 1e6)}\u00a0µm"
+    return f"{format_number(metres * 1e3)}\u00a0mm"
 
 
 def format_mm(metres: float) -> str:

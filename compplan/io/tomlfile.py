@@ -78,7 +78,11 @@ def read_toml(path: str | Path) -> dict[str, Any]:
         InputError: If the file is missing, or is not TOML (with the line).
 
     """
-    text = read_text(path)
+    return parse_toml(read_text(path), path)
+
+
+def parse_toml(text: str, path: str | Path) -> dict[str, Any]:
+    """Parse the text of a TOML file, see `read_toml`."""
     long = next((n for n, words in enumerate(text.splitlines(), 1) if KEY_WITHOUT_END.match(words)), None)
     if long is not None:
         raise InputError("is not TOML: a key has too many dots", file=path, where=long)

@@ -389,8 +389,7 @@ def write_schema() -> str:
     """Return the JSON schema of a job file as text."""
     schema = Job.model_json_schema(by_alias=True)
     tables = schema["$defs"]
-    tables_of_models = tuple(model.table for model in FORCE_MODELS.values())
-    models: Any = Annotated[Union[tables_of_models], Field(discriminator="model")]  # type: ignore[valid-type]  # noqa: UP007
+    models: Any = Annotated[Union[tuple(model.table for model in FORCE_MODELS.values())], Field(discriminator="model")]  # noqa: UP007
     union, process = TypeAdapter(models).json_schema(by_alias=True), schema["properties"]["process"]
     schema["$defs"] = tables = {**tables, **union.pop("$defs")}
     schema["properties"]["process"] = {"default": process["default"], **union, "title": "Process"}

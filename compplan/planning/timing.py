@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline, PPoly
 
 from compplan.errors import ConvergenceError
-from compplan.io.lazy_imports import put_off
+from compplan.io.process_settings import put_off
 from compplan.planning.motion_limits import (
     Torques,
     difference_motion,

@@ -13,9 +13,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.io.palette import CATEGORIES, LIMIT, NEUTRAL
+from compplan.io.palette import CATEGORIES, DASHES, LIMIT, NEUTRAL
 from compplan.io.quantities import format_number
-from compplan.reporting.charts import Figure, style_line, thin_rows, use_decades
+from compplan.reporting.charts import Figure, thin_rows, use_decades
 from compplan.reporting.page import Chart
 from compplan.robot import Array
 
@@ -122,9 +122,11 @@ def _add_lines(
     rows = np.union1d(rows, [far, far + 1])
     custom = np.column_stack([rows, stations.time[rows]]).astype(np.float32)
     for k, (name, values) in enumerate(panel.series.items()):
+        dash = DASHES[k // len(colours) % len(DASHES)]  # further lines take the colours again, dashed, then dotted
         figure.line(
             1e3 * stations.length[rows], values[rows], name, number, customdata=custom, legendgroup=name,
-            line={**style_line(k, colours), "width": 1.6}, showlegend=number == 0 and len(panel.series) > 1,
+            line={"color": colours[k % len(colours)], "dash": dash, "width": 1.6},
+            showlegend=number == 0 and len(panel.series) > 1,
             hovertemplate=f"%{{y:.4g}} {panel.unit} (waypoint %{{customdata[0]:.0f}}, %{{customdata[1]:.2f}} s)",
         )  # fmt: skip
 
@@ -147,12 +149,6 @@ def chart_lines(
     return Chart(figure, caption, height, along=True)
 
 
-def _span_positive(values: Iterable[Array]) -> tuple[float, float]:
-    """Return the smallest and the largest value above zero."""
-    known = np.concatenate([each[np.isfinite(each) & (each > 0)] for each in values])
-    return (float(known.min()), float(known.max())) if len(known) else (1e-6, 1.0)
-
-
 def chart_strategies(
     stations: Stations, deviations: Mapping[str, Mapping[str, Array]], tolerance: float, *, log: bool = False
 ) -> Chart:
@@ -161,7 +157,8 @@ def chart_strategies(
     deviations: by title of the chart, series by name, shape (n,) each [mm]; tolerance: marked level [mm].
     """
     together = [values for series in deviations.values() for values in series.values()]
-    least, greatest = _span_positive(together)
+    known = np.concatenate([values[np.isfinite(values) & (values > 0)] for values in together])
+    least, greatest = (float(known.min()), float(known.max())) if len(known) else (1e-6, 1.0)
     most = max(greatest, 1.3 * tolerance)
     label = "deviation" if log else "deviation, mm"
     panels = [PathPanel(series, label, "mm", name, (0.0, 1.06 * most)) for name, series in deviations.items()]

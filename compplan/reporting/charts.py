@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.io.display import Curves, pick_style
-from compplan.io.palette import CATEGORIES, DASHES, NEUTRAL, TOLERANCE
+from compplan.io.palette import CATEGORIES, NEUTRAL, TOLERANCE
 from compplan.io.quantities import name_length
 from compplan.robot import Array
 
@@ -219,10 +219,10 @@ def draw_bars(
     return figure
 
 
-def use_decades(figure: Figure, side: str, low: float, high: float, panel: int | None = None, **keys: Any) -> None:
+def use_decades(figure: Figure, side: str, low: float, high: float, **keys: Any) -> None:
     """Make an axis of lengths in mm logarithmic, with ticks in nm, um, mm. low, high: [mm]"""
     ticks, names = mark_decades(1e-3 * low, 1e-3 * high)
-    figure.axis(side, panel, type="log", tickvals=[1e3 * tick for tick in ticks], ticktext=names, **keys)
+    figure.axis(side, type="log", tickvals=[1e3 * tick for tick in ticks], ticktext=names, **keys)
 
 
 def _plain(value: Any) -> Any:
@@ -248,11 +248,6 @@ def _pack(values: np.ndarray[Any, Any]) -> dict[str, Any]:
     kind = f"{values.dtype.kind}{values.dtype.itemsize}"
     packed = {"dtype": kind, "bdata": base64.b64encode(np.ascontiguousarray(values).tobytes()).decode()}
     return packed if values.ndim == 1 else packed | {"shape": ", ".join(map(str, values.shape))}
-
-
-def style_line(number: int, colours: Sequence[str] = CATEGORIES) -> dict[str, str]:
-    """Return colour and dash of a line by its number: all colours solid, then all of them dashed, then dotted."""
-    return {"color": colours[number % len(colours)], "dash": DASHES[number // len(colours) % len(DASHES)]}
 
 
 def mark_decades(low: float, high: float) -> tuple[list[float], list[str]]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -92,11 +92,6 @@ def render_comparison(comparison: Comparison) -> str:
     )  # fmt: skip
 
 
-def _list_closest(left: Mapping[str, float], share: float) -> list[str]:
-    """List the strategies whose deviation is at most `share` times the least."""
-    return [name for name, value in left.items() if value <= share * min(left.values())]
-
-
 def open_comparison(comparison: Comparison) -> Summary:
     """Return the first screen: recommended strategy, and its deviation on robots like that of the job."""
     drawn, tolerance = comparison.drawn, comparison.task.tolerance
@@ -106,7 +101,7 @@ def open_comparison(comparison: Comparison) -> Summary:
     else:  # median and 95 % of the rms on drawn robots
         found = {name: (drawn.median(name), drawn.most(name)) for name in drawn.rms}
     left = {name: median for name, (median, _) in found.items() if name not in ONLINE}
-    equals = _list_closest(left, 1.0 + SAME)
+    equals = [name for name, value in left.items() if value <= (1.0 + SAME) * min(left.values())]
     best = "nlp" if "nlp" in equals else equals[-1]  # nlp is preferred among equals
     most = found[best][1] if drawn is None else drawn.greatest[best]
     within = most <= tolerance

@@ -20,20 +20,26 @@ from compplan.diagnosis.results.shares import CALIBRATION, Share
 from compplan.diagnosis.results.where import Split, split_diagnosis
 from compplan.diagnosis.self_test import SelfTest
 from compplan.errors import InputError
+from compplan.io.palette import CATEGORIES
 from compplan.io.provenance import describe_origin
-from compplan.io.quantities import format_mm, format_percent
+from compplan.io.quantities import format_length, format_mm, format_percent
 from compplan.io.tables import write_json, write_text
 from compplan.io.transaction import replace_folder
 from compplan.measurement.registration import write_registration
 from compplan.reporting import diagnosis_text as words
+from compplan.reporting.charts import Bars, Figure, draw_bars, thin_rows
 from compplan.reporting.diagnosis_text import describe_change, describe_effect, describe_parameters, name_effect
-from compplan.reporting.gap_figures import (
-    draw_gap_shares,
-    draw_residuals,
-)
 from compplan.reporting.page import Block, Cell, Chart, DataTable, Fold, Section, Summary, render_page
 from compplan.reporting.provenance import describe_robot, explain_grade
-from compplan.reporting.scenes import describe_magnification
+from compplan.reporting.scenes import (
+    add_path,
+    add_shapes,
+    choose_magnification,
+    colour_axis,
+    describe_magnification,
+    frame_scenes,
+    place_shapes,
+)
 from compplan.reporting.writers.robot_folder import deliver_robot_folder
 from compplan.robot import Array, Robot
 from compplan.simulation.predict import predict_campaign
@@ -44,6 +50,8 @@ SAME_POSITION = 1e-9
 UNSEEN = 0.01
 #: Decimal places, by unit.
 DIGITS = {"mm": 3, "deg": 4}
+#: Greatest number of drawn residual vectors.
+VECTORS = 900
 #: Descriptions of the kinds of robot folders.
 DELIVERED = {"nominal": "the nominal robot as it was", "calibrated": "all that a calibration finds, named or not"}
 
@@ -213,14 +221,13 @@ def _show_where(diagnosis: Diagnosis, split: Split, rows: _UsedRows) -> Section:
               90 + 30 * len(shares.by_factor)),
     ]  # fmt: skip
     if split.small_errors is not None and split.small_errors.groups:
-        kinds = [[place, kind, *_show_share(share)] for place, kind, share in split.small_errors.groups]
+        kinds = [
+            [place, kind, format_percent(one.share), f"{format_percent(one.low)} to {format_percent(one.high)}"]
+            for place, kind, one in split.small_errors.groups
+        ]
         caption = "The gap divided among all errors of the updated robot, named or not, by place and kind."
         blocks.append(DataTable(["place", "kind", "share of the gap", "95 %"], kinds, caption, 12))
     return Section("Where it lies", blocks)
-
-
-def _show_share(share: Share) -> tuple[str, str]:
-    return format_percent(share.share), f"{format_percent(share.low)} to {format_percent(share.high)}"
 
 
 def _show_which(table: Mapping[str, Any], structure: Sequence[str]) -> Section:
@@ -333,3 +340,44 @@ def _list_frames(frames: Sequence[Pose]) -> DataTable:
         "the new y and the new x; half widths are along and about the frame's own axes."
     )
     return DataTable(["frame", "x, y, z [mm]", "95 % [mm]", "A, B, C [deg]", "95 % [deg]"], rows, caption)
+
+
+def draw_residuals(robot: Robot, q: Array, point: Array, before: Array, after: Array) -> Figure:
+    """Draw residual vectors in space, before and after, with the robot in a middle pose.
+
+    q: joints of the rows, shape (n, nq) [rad or m]; point: measured points, base frame; before, after: measured minus
+    predicted by the nominal and the updated model, shape (n, 3) [m].
+    """
+    sizes = [np.linalg.norm(side, axis=1) for side in (before, after)]
+    rows = thin_rows([sizes[0]], VECTORS)
+    factor = choose_magnification(point, before)
+    titles = [
+        f"{name}: rms {format_length(float(np.sqrt(np.mean(size**2))))}"
+        for name, size in zip(("nominal model", "updated model"), sizes, strict=True)
+    ]
+    figure = Figure(titles, 2, gaps=(0.01, 0.0), scenes=True)
+    shapes = place_shapes(robot, q[int(np.argmin(((q - np.median(q, axis=0)) ** 2).sum(1)))])
+    for panel, (side, size) in enumerate(zip((before, after), sizes, strict=True)):
+        add_shapes(figure, shapes, robot.name, 0.35, panel)
+        ends = np.full((len(rows), 3, 3), np.nan)
+        ends[:, 0], ends[:, 1] = 1e3 * point[rows], 1e3 * (point[rows] + factor * side[rows])
+        colour = np.repeat(1e3 * size[rows], 3)
+        add_path(
+            figure, ends.reshape(-1, 3), "residual", colour, 4, panel=panel, coloraxis="coloraxis",
+            custom=np.column_stack([np.repeat(rows, 3), colour]),
+            hover="row %{customdata[0]:.0f}: %{customdata[1]:.3g} mm",
+        )  # fmt: skip
+    corners = [1e3 * shape.vertices for shape in shapes]
+    frame_scenes(figure, np.vstack([1e3 * point, 1e3 * (point + factor * before), *corners]), top=30)
+    top = float(np.percentile(sizes[0], 99)) * 1e3
+    figure.layout |= {"showlegend": False, "coloraxis": colour_axis("deviation, mm", 0.0, top)}
+    return figure
+
+
+def draw_gap_shares(shares: Mapping[str, Share], title: str) -> Figure:
+    """Draw shares of the gap as bars with their intervals; `title`: criterion of the division."""
+    value, low, high = 100 * np.array([(s.share, s.low, s.high) for s in shares.values()]).reshape(-1, 3).T
+    bars = Bars(value, CATEGORIES[0], low, high)
+    figure = draw_bars(list(shares), {"": bars}, f"share of the gap by {title}, %", hover="%{x:.1f} %")
+    figure.axis("x", range=[0, 104])
+    return figure

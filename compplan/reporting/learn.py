@@ -15,7 +15,7 @@ from compplan.io.quantities import format_length, format_mm, format_mm_change, f
 from compplan.io.tables import write_json, write_table, write_text
 from compplan.io.transaction import list_files, replace_folder
 from compplan.learning.part import LearnedPart
-from compplan.learning.representable import Residual, residual_file
+from compplan.learning.representable import residual_file
 from compplan.process.learned_force import FILE as PROCESS
 from compplan.process.learned_force import write_learned_force
 from compplan.reporting.charts import draw_curves
@@ -25,7 +25,7 @@ from compplan.reporting.provenance import describe_robot
 from compplan.reporting.writers.plan import choose_rows, write_joints, write_programs
 from compplan.reporting.writers.recording import write_deviation
 from compplan.reporting.writers.robot_folder import deliver_robot_folder
-from compplan.robot import Array, Robot
+from compplan.robot import Array
 
 #: Displayed units of parameter changes, by the suffix of the key: factor from SI and unit.
 SMALL = {
@@ -61,19 +61,14 @@ def _write_updated(update: LearnedPart, folder: Path) -> None:
         write_learned_force(update.force, update.job.process, folder, source)
     elif source is not None and (source / PROCESS).is_file():
         shutil.copyfile(source / PROCESS, folder / PROCESS)
-    name = residual_file(update.robot, update.job)
-    if update.model_update.taken and update.residual is not None:
+    name, residual = residual_file(update.robot, update.job), update.residual
+    if update.model_update.taken and residual is not None:
+        columns: dict[str, object] = {"s_mm": residual.length * 1e3}
+        columns |= {f"d{axis}_mm": residual.deviation[:, k] * 1e3 for k, axis in enumerate("xyz")}
+        columns["sigma_mm"] = residual.spread * 1e3
+        columns |= update.robot.joint_columns(residual.q)
         file_name = f"learned_{update.job.file.stem}.csv" if name is None else name.name
-        _write_residual(update.residual, update.robot, folder / file_name)
-
-
-def _write_residual(residual: Residual, robot: Robot, file: Path) -> None:
-    """Write the learned residual of a path, with its joint positions."""
-    columns: dict[str, object] = {"s_mm": residual.length * 1e3}
-    columns |= {f"d{axis}_mm": residual.deviation[:, k] * 1e3 for k, axis in enumerate("xyz")}
-    columns["sigma_mm"] = residual.spread * 1e3
-    columns |= robot.joint_columns(residual.q)
-    write_table(file, columns, decimals=10)
+        write_table(folder / file_name, columns, decimals=10)
 
 
 def summarise_update(update: LearnedPart) -> dict[str, Any]:

@@ -103,9 +103,9 @@ def _show_strategies(result: JobStudy, best: str) -> Section:
     for name, entry in result.summary["strategies"].items():
         rms, most = entry["rms_mm"], entry["max_mm"]
         rows.append(
-            [Cell(name_strategy(name), "strong"), Cell(_format_mm(rms["mean"]), "good" if name == best else ""),
-             " – ".join(_format_mm(max(end, 0.0)) for end in rms["ci95"]), _format_mm(rms["p50"]),
-             _format_mm(rms["p95"]), _format_mm(most["p50"]), _format_mm(most["p95"]),
+            [Cell(name_strategy(name), "strong"), Cell(format_length(1e-3 * rms["mean"]), "good" * (name == best)),
+             " – ".join(format_length(1e-3 * max(end, 0.0)) for end in rms["ci95"]),
+             *(format_length(1e-3 * figures[key]) for figures in (rms, most) for key in ("p50", "p95")),
              *(format_percent(entry.get(key, float("nan")))
                for key in ("of_uncorrected", "within_tolerance", "waypoints_within_tolerance"))]
         )  # fmt: skip
@@ -164,7 +164,3 @@ def _draw_distributions(run: Run, best: str) -> Figure:
     figure.axis("y", autorange="reversed")
     figure.level(1e3 * run.study.task.tolerance, "x", color=TOLERANCE, width=1.4)
     return figure
-
-
-def _format_mm(value: float) -> str:
-    return format_length(value * 1e-3) if np.isfinite(value) else "–"

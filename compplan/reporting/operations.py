@@ -17,7 +17,7 @@ from urllib.parse import quote
 
 import numpy as np
 
-from compplan.controllers.writers import WHOLE
+from compplan.controllers.writers import WHOLE, write_sequence
 from compplan.io.notes import list_remarks, list_stops
 from compplan.io.palette import BAND, BEFORE
 from compplan.io.quantities import format_length, format_mm, format_mm_change
@@ -129,8 +129,6 @@ def _summarise_operation(plan: Plan, part: dict[str, Any], label: str) -> dict[s
 
 def _write_mains(plans: Sequence[Plan], written: Sequence[Sequence[Path]], folder: Path, name: str) -> list[Path]:
     """Write main programs that call the programs of all tools, in languages with calls."""
-    from compplan.controllers.writers import write_sequence
-
     job = plans[0].job
     if job is None or not job.output.programs:
         return []

@@ -94,7 +94,8 @@ def place_shapes(robot: Robot, q: Array) -> list[Shape]:
             pose = poses[shape.link] @ shape.placement
             vertices = vertices @ pose[:3, :3].T + pose[:3, 3]
             shapes.append(Shape(shape.link, vertices, faces, shape.colour or UNPAINTED))
-    behind = {joint.child for joint in robot.joints[_first_behind(robot) :]}
+    links = [robot.base, *(joint.child for joint in robot.joints)]
+    behind = set(links[links.index(robot.flange) + 1 :])
     start, end = poses[robot.flange][:3, 3], poses[robot.tcp][:3, 3]
     long = float(np.linalg.norm(end - start))
     if behind & {shape.link for shape in shapes} or long < SHORTEST_ROD:
@@ -103,11 +104,6 @@ def place_shapes(robot: Robot, q: Array) -> list[Shape]:
     holder, sides = triangulate_rod(start, neck, 0.02, sections=20)
     cutter, more = triangulate_rod(neck, end, CUTTER[1], sections=20)
     return [*shapes, Shape(robot.tcp, np.vstack([holder, cutter]), np.vstack([sides, more + len(holder)]), ROD)]
-
-
-def _first_behind(robot: Robot) -> int:
-    """Return the index of the first joint after the flange, or the number of joints."""
-    return next((k for k, joint in enumerate(robot.joints) if joint.parent == robot.flange), len(robot.joints))
 
 
 def place_meshes(robot: Robot, q: Array, meshes: Sequence[tuple[str, str, Any]]) -> list[Shape]:

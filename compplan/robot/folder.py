@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping
 from dataclasses import replace
 from importlib import resources
@@ -16,7 +15,7 @@ from pydantic import Field
 
 from compplan.errors import InputError, UnknownNameError, find_near
 from compplan.io.tables import escape_bytes, read_text, write_text
-from compplan.io.tomlfile import SchemaOne, StrictTable, check_table, read_toml_model
+from compplan.io.tomlfile import SchemaOne, StrictTable, check_table, parse_toml
 from compplan.robot.elasticity import ElasticityTable, build_links, build_springs
 from compplan.robot.model import Array, Robot, roll_pitch_yaw_of
 from compplan.robot.uncertainty import FILE as UNCERTAINTY
@@ -99,18 +98,13 @@ def read_robot_folder(folder: Path) -> Robot:
     Raises:
         InputError: If a file is missing, cannot be read, or names an unknown joint, link or frame.
     """
-    urdf_file, elasticity_file = folder / "robot.urdf", folder / "elasticity.toml"
-    for file in (urdf_file, elasticity_file):
+    files = [folder / "robot.urdf", folder / "elasticity.toml"]
+    for file in files:
         if not file.is_file():
             raise InputError(f"no {file.name} in this robot folder", file=folder)
-    robot = _assemble(read_text(urdf_file), read_toml_model(ElasticityTable, elasticity_file), folder)
-    effects = folder / EFFECTS
-    return replace(
-        robot,
-        name=escape_bytes(folder.resolve().name),
-        effects=_list_effects(read_toml_model(EffectsTable, effects)) if effects.exists() else (),
-        uncertainty=read_uncertainty(folder / UNCERTAINTY),
-    )
+    files += [folder / EFFECTS] if (folder / EFFECTS).exists() else []
+    robot = _assemble({file.name: read_text(file) for file in files}, folder)
+    return replace(robot, name=escape_bytes(folder.resolve().name), uncertainty=read_uncertainty(folder / UNCERTAINTY))
 
 
 def as_read(robot: Robot) -> Robot:
@@ -119,21 +113,18 @@ def as_read(robot: Robot) -> Robot:
     Raises:
         InputError: If the folder is invalid, such as an implausibly soft spring or a negative mass.
     """
-    folder = Path(robot.name) if robot.folder is None else robot.folder
-    texts = format_robot(robot)
-    springs = check_table(ElasticityTable, tomllib.loads(texts["elasticity.toml"]), file=folder / "elasticity.toml")
-    effects: tuple[Mapping[str, Any], ...] = ()
-    if EFFECTS in texts:
-        effects = _list_effects(check_table(EffectsTable, tomllib.loads(texts[EFFECTS]), file=folder / EFFECTS))
-    read = _assemble(texts["robot.urdf"], springs, folder)
-    return replace(read, name=robot.name, folder=robot.folder, effects=effects,
-                   uncertainty=robot.uncertainty)  # fmt: skip
+    read = _assemble(format_robot(robot), Path(robot.name) if robot.folder is None else robot.folder)
+    return replace(read, name=robot.name, folder=robot.folder, uncertainty=robot.uncertainty)
 
 
-def _assemble(text: str, table: ElasticityTable, folder: Path) -> Robot:
-    """Build a robot without effects from URDF and elasticity; the folder is for messages."""
+def _assemble(texts: Mapping[str, str], folder: Path) -> Robot:
+    """Build a robot from the texts of its folder, without its uncertainty; the folder is for messages."""
     urdf_file, elasticity_file = folder / "robot.urdf", folder / "elasticity.toml"
-    urdf = read_urdf(text, urdf_file)
+    table = check_table(ElasticityTable, parse_toml(texts["elasticity.toml"], elasticity_file), file=elasticity_file)
+    effects: tuple[EffectTable, ...] = ()
+    if EFFECTS in texts:
+        effects = check_table(EffectsTable, parse_toml(texts[EFFECTS], folder / EFFECTS), file=folder / EFFECTS).effect
+    urdf = read_urdf(texts["robot.urdf"], urdf_file)
     if table.tcp not in urdf.links:
         raise UnknownNameError("frame", table.tcp, list(urdf.links), file=elasticity_file, where="tcp")
     joints, base = urdf.chain_to(table.tcp)
@@ -157,7 +148,7 @@ def _assemble(text: str, table: ElasticityTable, folder: Path) -> Robot:
         raise InputError(message, file=elasticity_file, where="acceleration_limits")
     return Robot(
         name=folder.name,
-        urdf=text,
+        urdf=texts["robot.urdf"],
         joints=tuple(joints),
         bodies=tuple(body for body in urdf.bodies(links) if body.link in arm_links),
         springs=build_springs(table, arm, elasticity_file),
@@ -172,6 +163,7 @@ def _assemble(text: str, table: ElasticityTable, folder: Path) -> Robot:
         sources=dict(table.sources),
         grade=table.grade,
         folder=folder,
+        effects=tuple(entry.model_dump(exclude_none=True) for entry in effects),
     )
 
 
@@ -219,11 +211,6 @@ def has_moved(robot: Robot, before: Robot) -> bool:
         or not np.allclose(joint.axis, old.axis, rtol=0, atol=1e-14)
         for joint in robot.joints[robot.carrying :] if (old := believed.get(joint.name)) is not None
     )  # fmt: skip
-
-
-def _list_effects(table: EffectsTable) -> tuple[Mapping[str, Any], ...]:
-    """Return the effects as tables, which `compplan.effects` checks."""
-    return tuple(entry.model_dump(exclude_none=True) for entry in table.effect)
 
 
 def _edit_urdf(robot: Robot) -> str:

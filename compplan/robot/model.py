@@ -15,6 +15,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from compplan.io.columns import to_unit
 from compplan.io.display import Shown
@@ -315,8 +316,6 @@ class Robot(Shown):
 
 def roll_pitch_yaw_of(rotation: Array) -> Array:
     """Convert a rotation matrix to URDF's roll, pitch, yaw; yaw is 0 at a pitch of 90 degrees. [rad]"""
-    from scipy.spatial.transform import Rotation
-
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", message="Gimbal lock")
         return np.asarray(Rotation.from_matrix(rotation).as_euler("xyz"))

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from compplan.errors import ShapeError
 from compplan.robot import Array, Robot
-from compplan.statics.elements import ElementRow, spring_axis, translation
+from compplan.statics.elements import ElementRow
 from compplan.statics.sweep import (
     CHUNK,
     CompiledChain,
@@ -183,15 +183,11 @@ class Frames(NamedTuple):
     ground: Array  #: Orientation of the fixed frame of gravity, base axes. Shape (n, 3, 3).
 
 
-def build_chain(robot: Robot, *, gravity: bool = True) -> Chain:
+def build_chain(robot: Robot) -> Chain:
     """Build the elastic chain of a robot.
 
     Springs act after the motion of their joint in the order they are listed; the 6x6 elasticity of a link acts at its
     far end, tx ty tz rx ry rz in this order.
-
-    Args:
-        robot: The robot.
-        gravity: Whether gravity loads the springs.
     """
     row = ElementRow()
     hanging = robot.loading_bodies
@@ -203,10 +199,7 @@ def build_chain(robot: Robot, *, gravity: bool = True) -> Chain:
             row.add_joint(joint, robot.joint_names)
         for spring in robot.springs:
             if spring.joint == joint.name:
-                translates, axis = spring_axis(spring.axis, joint)
-                row.move(translation(spring.offset))
-                row.add_elastic(spring, axis, translates)
-                row.move(translation(-spring.offset))
+                row.add_elastic(spring, joint)
         row.add_bodies(bodies.get(joint.child, []))
         if joint.child == robot.ground:
             row.set_ground()
@@ -216,7 +209,7 @@ def build_chain(robot: Robot, *, gravity: bool = True) -> Chain:
             row.move(far_end)
             row.add_link(block.link, block.compliance)
             row.move(np.asarray(np.linalg.inv(far_end), float))
-    return Chain(**row.arrays(robot, gravity))
+    return Chain(**row.arrays(robot))
 
 
 def locate_frames(chain: Chain, q: Array, theta: Array | None = None) -> Frames:
@@ -315,26 +308,10 @@ def locate_gravity(chain: Chain, frames: Frames) -> Array:
     return chain.gravity[None] if chain.ground < 0 else np.asarray(frames.ground @ chain.gravity)
 
 
-def gravity_torque(chain: Chain, frames: Frames) -> Array:
-    """Compute the load of the weights on every element.
-
-    tau_k = a_k . (sum_j (c_j - o_k) x m_j g) over the bodies beyond element k (a_k . sum_j m_j g where it translates).
-
-    Args:
-        chain: The chain.
-        frames: Its frames at n poses.
-
-    Returns:
-        Generalised load on each element. Shape (n, m). [N m or N]
-    """
-    n, m = frames.axis.shape[:2]
-    if not chain.gravity.any() or not len(chain.body_element):
-        return np.zeros((n, m))
-    return load_elements(chain, frames, np.zeros((1, 6)))
-
-
 def load_elements(chain: Chain, frames: Frames, wrench: Array) -> Array:
     """Compute the load of wrench and weights on every element: J^T w + tau_g.
+
+    tau_g,k = a_k . sum_j (c_j - o_k) x m_j g over the bodies beyond element k (a_k . sum_j m_j g where it translates).
 
     Args:
         chain: The chain.

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from compplan.robot import Array, Body, Joint, Robot, Spring
+from compplan.robot.pose import build_pose
 
 ELASTIC_AXES = {
     "tx": (True, (1.0, 0.0, 0.0)),
@@ -17,21 +18,6 @@ ELASTIC_AXES = {
     "ry": (False, (0.0, 1.0, 0.0)),
     "rz": (False, (0.0, 0.0, 1.0)),
 }
-
-
-def spring_axis(axis: str, joint: Joint) -> tuple[bool, Array]:
-    """Return whether a spring translates, and its axis in the joint's frame. Shape (3,)."""
-    if axis == "own":
-        return joint.kind == "prismatic", joint.axis
-    translates, direction = ELASTIC_AXES[axis]
-    return translates, np.array(direction)
-
-
-def translation(offset: Array) -> Array:
-    """Build the pose of a pure translation [m]. Shape (4, 4)."""
-    pose = np.eye(4)
-    pose[:3, 3] = offset
-    return pose
 
 
 class ElementRow:
@@ -68,9 +54,14 @@ class ElementRow:
         translates = joint.kind == "prismatic"
         self._append(joint.name, joint.axis, translates, names.index(driver), multiplier, offset, -1)
 
-    def add_elastic(self, spring: Spring, axis: Array, translates: bool) -> None:
-        """Add the elastic coordinate of a spring."""
+    def add_elastic(self, spring: Spring, joint: Joint) -> None:
+        """Add the elastic coordinate of a spring of a joint."""
+        translates, axis = joint.kind == "prismatic", joint.axis
+        if spring.axis != "own":
+            translates, axis = ELASTIC_AXES[spring.axis][0], np.array(ELASTIC_AXES[spring.axis][1])
+        self.move(build_pose(spring.offset, np.eye(3)))
         self._append(spring.name, axis, translates, -1, 0.0, 0.0, len(self.actuator))
+        self.move(build_pose(-spring.offset, np.eye(3)))
         self.blocks.append(np.array([[spring.compliance]]))
         self.actuator.append(spring.actuator)
         self.link_share.append(spring.link_share)
@@ -98,13 +89,12 @@ class ElementRow:
             first = last
         return whole
 
-    def arrays(self, robot: Robot, gravity: bool) -> dict[str, Any]:
+    def arrays(self, robot: Robot) -> dict[str, Any]:
         """Return the fields of the chain."""
         names, poses, axes, translates, q, multiplier, offset, theta = zip(*self.elements, strict=True)
         pose = np.array(poses)
         driver = {name: k for k, name in enumerate(names) if q[k] >= 0}
         down = robot.loading_gravity
-        g = down if gravity and down is not None else np.zeros(3)
         return {
             "names": tuple(names),
             "rotation": pose[:, :3, :3].copy(),
@@ -121,7 +111,7 @@ class ElementRow:
             "mass": np.array([body[1] for body in self.bodies], float),
             "centre": np.array([body[2] for body in self.bodies], float).reshape(-1, 3),
             "compliance": self._compliance(),
-            "gravity": np.asarray(g, float),
+            "gravity": np.zeros(3) if down is None else np.asarray(down, float),
             "actuator": np.array(self.actuator, bool),
             "link_share": np.array(self.link_share, float),
             "ground": self.ground,

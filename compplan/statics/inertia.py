@@ -27,8 +27,8 @@ from compplan.statics.sweep import cross, dot
 #: Directions of the four points from the centre: zero sum, second moment four times the unit matrix.
 CORNERS = np.array([[1.0, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]])
 
+#: A step that takes less does not move the arm. [s]
 STANDS = 1e-6
-"""A step that takes less does not move the arm. [s]"""
 
 
 def build_moving_chain(robot: Robot) -> Chain:
@@ -76,7 +76,12 @@ def load_motion(chain: Chain, q: Array, time: Array, inside: NDArray[np.bool_]) 
         first, last = here[0] - 1, here[-1] + 1
         frames = locate_frames(chain, q[first : last + 1])
         middle = here - first
-        force = -chain.mass[:, None] * _differentiate(frames.centre, time[first : last + 1], middle)
+        place, times = frames.centre, time[first : last + 1]
+        before, after = (
+            np.maximum(times[middle + side] - times[middle + side - 1], 1e-12)[:, None, None] for side in (0, 1)
+        )
+        change = (place[middle + 1] - place[middle]) / after - (place[middle] - place[middle - 1]) / before
+        force = -chain.mass[:, None] * (2.0 * change / (before + after))  # divided differences
         loads[here] = _gather(chain, frames.axis[middle], frames.origin[middle], frames.centre[middle], force)
     return loads
 
@@ -111,13 +116,6 @@ def smooth_loads(load: Array, time: Array, runs: list[tuple[int, int]], window: 
         middle = twice(here + reach) - 2.0 * twice(here) + twice(here - reach)
         found[first : last + 1] = middle / reach**2
     return found
-
-
-def _differentiate(place: Array, time: Array, rows: NDArray[np.int_]) -> Array:
-    """Return the second derivative in time at some rows by divided differences. Shape (k, b, 3)."""
-    before, after = (np.maximum(time[rows + side] - time[rows + side - 1], 1e-12)[:, None, None] for side in (0, 1))
-    change = (place[rows + 1] - place[rows]) / after - (place[rows] - place[rows - 1]) / before
-    return np.asarray(2.0 * change / (before + after))
 
 
 def _gather(chain: Chain, axis: Array, origin: Array, place: Array, force: Array) -> Array:

@@ -354,6 +354,6 @@ def test_only_plot_methods_touch_the_users_figures_and_nothing_their_backend() -
     """A notebook that writes a plan keeps its inline pictures."""
     root = Path(__file__).parents[2] / "compplan"
     texts = {str(file.relative_to(root)): file.read_text(encoding="utf-8") for file in root.rglob("*.py")}
-    told = {"io/display.py", "io/lazy_imports.py", "planning/timing.py"}  # the others put it off
+    told = {"io/display.py", "io/process_settings.py", "planning/timing.py"}  # the others put it off
     assert {name for name, text in texts.items() if "pyplot" in text} == told
     assert not [name for name, text in texts.items() if "matplotlib.use(" in text]

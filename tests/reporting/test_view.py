@@ -17,7 +17,6 @@ from compplan.io.palette import NEUTRAL
 from compplan.planning.plan import Plan, plan_job
 from compplan.reporting.charts import SEQUENTIAL
 from compplan.reporting.scenes import locate_links
-from compplan.reporting.view.recording import PlanRecording, read_recording
 from compplan.reporting.view.scene import (
     PlanScene,
     join_rows,
@@ -26,7 +25,7 @@ from compplan.reporting.view.scene import (
     read_colour,
 )
 from compplan.reporting.writers.plan import write_plan
-from compplan.reporting.writers.recording import ROWS, locate_chain, place_arm
+from compplan.reporting.writers.recording import ROWS, PlanRecording, locate_chain, place_arm, read_recording
 from compplan.robot import load_robot
 
 

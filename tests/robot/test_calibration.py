@@ -59,7 +59,7 @@ def write_conf(file: Path, delta: np.ndarray) -> Path:
 
 
 def locate(robot, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    frames = locate_frames(build_chain(replace(robot, springs=()), gravity=False), q)
+    frames = locate_frames(build_chain(replace(robot, springs=(), gravity=None)), q)
     return frames.tcp_position, frames.tcp_rotation
 
 

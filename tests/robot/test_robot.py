@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from compplan.errors import InputError, UnknownNameError
 from compplan.robot import Spring, load_robot
 from compplan.robot.folder import write_robot_folder
-from compplan.statics.chain import build_chain, gravity_torque, locate_frames
+from compplan.statics.chain import build_chain, load_elements, locate_frames
 from compplan.statics.elastic import solve_equilibrium
 
 Q = np.random.default_rng(0).uniform(-1, 1, (4, 6))
@@ -66,7 +66,8 @@ def test_a_tool_replaces_tcp_and_load() -> None:
     offset = np.linalg.inv(flange_to_tool0) @ pose
     np.testing.assert_allclose(b.tcp_position, a.tcp_position + a.tcp_rotation @ offset[:3, 3], atol=1e-12)
     empty = build_chain(robot.with_tool(pose))
-    added = gravity_torque(carrying, b) - gravity_torque(empty, locate_frames(empty, Q))
+    none = np.zeros((1, 6))
+    added = load_elements(carrying, b, none) - load_elements(empty, locate_frames(empty, Q), none)
     centre = b.centre[:, -1]
     lever = np.cross(centre[:, None] - b.origin, 50 * np.array([0.0, 0.0, -9.81]))
     np.testing.assert_allclose(added, np.einsum("nmi,nmi->nm", b.axis, lever), atol=1e-9)

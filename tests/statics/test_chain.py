@@ -11,7 +11,6 @@ from compplan.robot import Array, load_robot
 from compplan.statics.chain import (
     Chain,
     build_chain,
-    gravity_torque,
     jacobian,
     joint_jacobian,
     load_elements,
@@ -76,7 +75,7 @@ def test_the_load_of_the_weights_is_the_slope_of_their_energy(name: str) -> None
     def energy(coordinates: Array) -> Array:
         return -np.einsum("b,nbi,i->n", chain.mass, locate_frames(chain, q, coordinates).centre, chain.gravity)
 
-    torque = gravity_torque(chain, locate_frames(chain, q, theta))[:, chain.spring_elements]
+    torque = load_elements(chain, locate_frames(chain, q, theta), np.zeros((1, 6)))[:, chain.spring_elements]
     for j in range(chain.n_springs):
         move = np.zeros(chain.n_springs)
         move[j] = 1e-5

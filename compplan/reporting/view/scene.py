@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from compplan.io.palette import NEUTRAL
 from compplan.io.quantities import format_length, format_number
 from compplan.reporting.charts import SEQUENTIAL
-from compplan.reporting.view.recording import PlanRecording
+from compplan.reporting.writers.recording import PlanRecording
 from compplan.robot import Array
 
 Bytes = NDArray[np.uint8]

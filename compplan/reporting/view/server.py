@@ -16,8 +16,8 @@ from scipy.spatial.transform import Rotation
 from compplan.errors import InputError
 from compplan.io.quantities import format_length, format_set_length
 from compplan.reporting.provenance import GRADE_MEANING
-from compplan.reporting.view.recording import read_recording
 from compplan.reporting.view.scene import ERROR_BAND, Lines, PlanScene, pick_point
+from compplan.reporting.writers.recording import read_recording
 from compplan.robot import Array
 
 HOST = "127.0.0.1"

@@ -14,7 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.controllers.writers import Program
+from compplan.controllers.writers import Program, build_program, describe_program, find_ends, write_program
+from compplan.controllers.writers.joint_convention import load_motion
 from compplan.controllers.writers.program import Post
 from compplan.io.quantities import state_mm
 from compplan.io.tables import write_json, write_table
@@ -24,7 +25,7 @@ from compplan.job.job import Job
 from compplan.planning.checks import state_breaches, state_notes
 from compplan.planning.executed import bound_zones
 from compplan.planning.result import Plan
-from compplan.planning.tolerance_verdict import ToleranceVerdict, state_percent
+from compplan.planning.tolerance_verdict import state_percent
 from compplan.reporting.writers.recording import write_recording
 from compplan.robot import Array
 from compplan.statics.chain import locate_frames
@@ -87,7 +88,6 @@ def read_back(plan: Plan, folder: Path, program: Program | None = None) -> Plan:
     """
     from compplan.controllers.readback.comparison import Commanded, StiffArm, compare_written
     from compplan.controllers.readback.joint_table import check_joint_table
-    from compplan.controllers.writers import find_ends
     from compplan.simulation.exact_model import read_exact_robot
     from compplan.simulation.inertia import solve_rigid
 
@@ -222,8 +222,6 @@ def choose_rows(plan: Plan) -> NDArray[np.bool_]:
 
     Ends of cuts and rapid moves, rests and events are kept; of others that follow too soon the later ones are left out.
     """
-    from compplan.controllers.writers.joint_convention import load_motion
-
     time, cycle = _list_times(plan), load_motion(plan.robot)[0].cycle * (1.0 - 1e-9)
     if np.diff(time).min(initial=np.inf) >= cycle:
         return np.ones(len(time), bool)
@@ -249,8 +247,6 @@ def choose_rows(plan: Plan) -> NDArray[np.bool_]:
 
 def write_programs(plan: Plan, folder: Path, program: Program | None = None) -> list[Path]:
     """Write the native programs requested by the job, with approach and retract."""
-    from compplan.controllers.writers import write_program
-
     if plan.job is None or not plan.job.output.programs:
         return []
     program, output, files = program or make_program(plan), plan.job.output, []
@@ -272,8 +268,6 @@ def make_post(job: Job, language: str) -> Post:
 
 def note_programs(plan: Plan) -> Plan:
     """Return a plan with notes on its native programs."""
-    from compplan.controllers.writers import describe_program
-
     if plan.job is None or not plan.job.output.programs:
         return plan
     program = make_program(plan)
@@ -284,9 +278,6 @@ def note_programs(plan: Plan) -> Plan:
 
 def make_program(plan: Plan) -> Program:
     """Build the source of native programs, with approach and retract."""
-    from compplan.controllers.writers import build_program
-    from compplan.controllers.writers.joint_convention import load_motion
-
     above, below = plan.approach.key_q, plan.retract.key_q
     before, after = len(above), len(below)
     rapid = np.r_[np.ones(before, bool), plan.task.nominal.rapid, np.ones(after, bool)]
@@ -357,17 +348,13 @@ def place_events(events: Sequence[Event], before: int, count: int, after: int) -
 
 
 def _head(plan: Plan) -> list[str]:
+    verdict = plan.verdict
+    words = {"keeps": "keeps", "may_not_keep": "MAY NOT KEEP", "not_known": "NOT KNOWN if it keeps"}
     lines = [
         f"compplan: {plan.name}",
         f"robot {plan.robot.name}, robot model: {plan.robot.grade}, strategy {plan.strategy}",
-    ]
-    return [*lines, *head_of_status(plan), *head_of_verdict(plan.verdict)]
-
-
-def head_of_verdict(verdict: ToleranceVerdict) -> list[str]:
-    """Return the head lines of the verdict."""
-    words = {"keeps": "keeps", "may_not_keep": "MAY NOT KEEP", "not_known": "NOT KNOWN if it keeps"}
-    lines = [f"verdict: {words[verdict.word]} {state_mm(verdict.tolerance)}"]
+        *head_of_status(plan), f"verdict: {words[verdict.word]} {state_mm(verdict.tolerance)}",
+    ]  # fmt: skip
     lines += [] if verdict.band is None else [f"true tip within {state_mm(verdict.band)}, 95 %"]
     return lines + ([f"beyond: {state_percent(verdict.beyond_share)} of the cut"] if verdict.beyond_share else [])
 
