@@ -63,7 +63,7 @@ def plan(
         job: A job: the TOML file, a `Job`, or its tables; or a path: a CAM file or CSV, a `Toolpath`, a DataFrame, or
             columns by name with units in the names.
         robot: Name of a shipped robot, a robot folder, or a `Robot`; it replaces the job's, and is required for a path.
-        out: Folder for the files of the command of this name; left out: nothing is written.
+        out: Folder for the files that the command writes; left out: nothing is written.
         progress: Called with the current step as text; an exception raised in it ends the call.
         tables: Tables of the job, such as `plan={"tolerance_mm": 0.05}`; their keys replace those of the job.
             `part=(x, y, z)` or `(x, y, z, rx, ry, rz)` in mm and deg, `output="krl"` for a program.
@@ -154,7 +154,7 @@ def compare(
     Args:
         job: As for `compplan.plan`.
         robot: As for `compplan.plan`.
-        out: Folder for the files of the command of this name; left out: nothing is written.
+        out: Folder for the files that the command writes; left out: nothing is written.
         progress: Called with the current step as text; an exception raised in it ends the call.
         tables: Tables of the job; their keys replace those of the job.
 
@@ -196,7 +196,7 @@ def diagnose(
         target_offset_mm: The measured point in the TCP frame; left out: the TCP. Shape (3,). [mm]
         instrument: TOML file of an instrument that does not measure positions: contacts, readings, ball bars.
         assume_ok: Whether to continue despite a plausibility question about the log.
-        out: Folder for the files of the command of this name; left out: nothing is written.
+        out: Folder for the files that the command writes; left out: nothing is written.
         progress: Called with the current step as text; an exception raised in it ends the call.
 
     Returns:
@@ -263,7 +263,7 @@ def learn(
         mesh: Nominal surface of the part, STL or PLY in mm, in the frame of the points; they count along its normals.
         reach_mm: Greatest distance of that surface from the path of the tip; left out: from the job's cutter. [mm]
         assume_ok: Whether to continue despite a plausibility question about the points.
-        out: Folder for the files of the command of this name; left out: nothing is written.
+        out: Folder for the files that the command writes; left out: nothing is written.
         progress: Called with the current step as text; an exception raised in it ends the call.
 
     Returns:

@@ -258,7 +258,7 @@ class Campaign(Shown):
         return ~self.is_load(self.wrench)
 
     def take(self, rows: NDArray[np.int_] | NDArray[np.bool_]) -> Campaign:
-        """Select rows; properties derived from the order of rows are computed anew from the selected rows."""
+        """Select rows, and recompute what depends on their order."""
         fields: dict[str, Any] = {}
         for name in (
             "run", "q", "wrench", "position", "rotation", "time", "temperature", "link", "motor", "sigma",
