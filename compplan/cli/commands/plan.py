@@ -93,7 +93,7 @@ OPTIONS = {"toolpath": "CAMFILE"} | {
 @make_command(
     click.argument("camfile", type=INPUT),
     click.option("--profile", metavar="FILE",
-                 help="Shop profile (compplan init profile): what it has may be left out here."),
+                 help="Shop profile (compplan init profile): options that it states may be left out here."),
     robot_option("A folder in robots/ or a path.", required=False),
     click.option("--part", metavar="X,Y,Z[,RX,RY,RZ] | FILE", help="Part frame, mm and rotation vector."),
     click.option("--tool", metavar="FILE", help="TOML file as [tool] of a job; left out: the robot folder's TCP."),
