@@ -180,7 +180,7 @@ def run_predict(
         "median_mm": float(np.median(distance)) if known else None, "registered": list(parts),
         "notes": list(campaign.notes), "made_by": describe_origin(),
     }  # fmt: skip
-    head = [f"{len(campaign)} rows; measured positions differ by {summary['rms_mm']:.3f} mm rms"] if known else []
+    head = [f"{len(campaign)} rows; measured minus predicted: {summary['rms_mm']:.3f} mm rms"] if known else []
     return CommandResult(summary, [*head, *list_notes(campaign.notes), f"wrote {out}"])
 
 
