@@ -97,16 +97,16 @@ def post(
 
     Args:
         camfile: The CAM file.
-        robot: A folder in robots/ or a path.
+        robot: Name of a shipped robot, or path of a robot folder.
         part: Part frame in the robot base frame: X Y Z [mm], with a rotation vector [deg] if six numbers; or [part].
         program: Language, or languages.
-        profile: Shop profile with defaults of all these; robot, part and program may be left out if it has them.
-        tool: [tool]; left out: the robot folder's TCP.
+        profile: Shop profile with defaults; robot, part and program may be left out if it states them.
+        tool: Table [tool] of a job; left out: the robot folder's TCP.
         tools: For a file that calls several tools: a list of [[tool]], or a tool table (its file, or [tools]).
-        process: [process]; left out: no force is predicted.
-        cam: [cam]: options for reading the file.
-        plan: [plan]: strategy, tolerance, posture.
-        output: [output]: signals (io), templates.
+        process: Table [process] of a job; left out: no force is predicted.
+        cam: Table [cam] of a job: options for reading the file.
+        plan: Table [plan] of a job: strategy, tolerance, posture.
+        output: Table [output] of a job: signals (io), templates.
         out: Folder to write to; left out: out.
 
     Raises:
@@ -190,7 +190,7 @@ def diagnose(
         measurements: A measurement log: the CSV file, a `Campaign`, a DataFrame, or columns by name with units in the
             names.
         robot: Name of a shipped robot, a robot folder, or a `Robot`.
-        register: Unknown frames, of "base" and "tool"; they are fitted in every model.
+        register: Unknown frames: "base", "tool" or both; they are fitted in every model.
         without: Effects to leave out of the candidates.
         tool: The tool that was mounted, as [tool] of a job, or its TOML file.
         target_offset_mm: The measured point in the TCP frame; left out: the TCP. Shape (3,). [mm]

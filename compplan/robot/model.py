@@ -206,7 +206,7 @@ class Robot(Shown):
 
     @property
     def nq(self) -> int:
-        """Count the commanded joints."""
+        """Number of commanded joints."""
         return len(self.actuated)
 
     @property

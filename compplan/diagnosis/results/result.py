@@ -94,7 +94,7 @@ class Diagnosis(Shown):
 
     @property
     def points(self) -> Array:
-        """Measured points in the robot's base frame, as expected where no position was measured. Shape (n, 3). [m]"""
+        """Measured points, base frame; in rows without a position the predicted point. Shape (n, 3). [m]"""
         campaign, frames = self.fit.problem.campaign, self.registration
         place = campaign.position
         if frames is not None:

@@ -131,7 +131,7 @@ class RobotMaps:
 
 
 def map_robot(robot: Robot, settings: MapSettings) -> RobotMaps:
-    """Compute the maps of a robot over a horizontal and a vertical plane.
+    """Compute maps of stiffness and dexterity over a horizontal and a vertical plane.
 
     Raises:
         InputError: If the robot has no elasticity or fewer than six joints, or reaches no point of a plane.
