@@ -29,7 +29,7 @@ JOBS = (
 #: First lines of the page.
 HEAD = (
     "# The nonlinear program: exact, and at what cost?", "",
-    "**Question.** What do shipped jobs come to, and what do they cost, beside an earlier state of the project?", "",
+    "**Question.** How do band, cycle and CPU time of shipped jobs compare with an earlier version?", "",
     "Written by `python -m benchmarks nlp --beside CHECKOUT --out docs/results/nlp.md`. CPU is that of the whole",
     "command in a process of its own, both checkouts in one run, one BLAS thread. Each computes its own 95 % band.", "",
 )  # fmt: skip

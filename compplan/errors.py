@@ -15,13 +15,13 @@ MANY = 12
 
 
 class CompplanError(Exception):
-    """Base of every exception of this package, so that a caller may catch them all."""
+    """Base class of all exceptions of this package."""
 
     exit_status = 2
 
 
 class InputError(CompplanError):
-    """An input file, a table, a key or an argument is not what it has to be.
+    """Error: an input file, a table, a key or an argument is not valid.
 
     Args:
         message: What is wrong and what is expected.
@@ -78,7 +78,7 @@ def find_near(name: str, choices: Sequence[str]) -> list[str]:
 
 
 class InfeasibleError(CompplanError):
-    """The request is sound but has no solution, and which waypoints and limits stop it.
+    """Error: a valid request has no solution; it names the waypoints and limits that prevent one.
 
     Args:
         message: What has no solution and what to do next.

@@ -19,7 +19,7 @@ from compplan.studies.summary import estimate_quantile
 from compplan.studies.workers import Workers
 
 TITLE = "Comparison: which strategy leaves least?"
-QUESTION = "What is left by a plan, by encoders behind the gears and by a force sensor, the softer the links are?"
+QUESTION = "How much deviation do a plan, encoders behind the gears and a force sensor leave, as links get softer?"
 METHOD = (
     "A circle of 120 mm radius under a constant force, as in [the loop](loop.md); 256 robots of a Monte Carlo study,"
     " drawn from the shipped folder's assumed uncertainty, the same for all strategies. *Link share*: part of each"

@@ -23,8 +23,8 @@ METHOD = (
     "shipped jobs in three sizes; `python -m benchmarks ladder` compares the ladder of a plan with plans of virtual "
     "shops after each measurement (force log and touch-off: as the job states them). "
     "`python -m benchmarks coverage` draws short jobs on shipped robots and lets true arms run `joints.csv` in a "
-    "second engine: compliances, masses, frequencies and damping of each arm are drawn from what the folder says of "
-    "them."
+    "second engine: compliances, masses, frequencies and damping of each arm are drawn from the uncertainty "
+    "that the folder states."
 )
 CHART = Chart("tips within the 95 % band, %", {"held": ("held, %", 0)})
 LIMITS = (

@@ -11,8 +11,8 @@ from benchmarks.results.findings import ROOT, Findings, Settings, run_benchmark
 TITLE = "Diagnosis: does it name the hidden effect?"
 QUESTION = "On drawn campaigns whose effects are withheld: how often is the right effect named at its place?"
 METHOD = (
-    "`benchmarks.outsider` draws campaigns from the published file formats alone; its author had read neither the "
-    "product nor the other generator. `benchmarks.diagnosis` asks the product by its command line, a plain "
+    "`benchmarks.outsider` draws campaigns from the published file formats alone; its author had read neither "
+    "compplan nor the other generator. `benchmarks.diagnosis` runs compplan by its command line, a plain "
     "rival (least squares with the whole vocabulary, greedy, with BIC), a plain calibration (geometry: all lengths, "
     "zeros and compliances) and FIGAROH's geometric calibration, which name no effect. Shares have 95 % Wilson "
     "intervals."
@@ -22,7 +22,7 @@ LIMITS = (
     "Drawn robots. For measured robots see [diagnosis_real](diagnosis_real.md).",
     "Generator and vocabulary share the list of effects of the file format.",
     "Few campaigns: the intervals are wide.",
-    "FIGAROH fits geometry to 400 rows at rest at most, without what the nominal springs bend; it has no compliances.",
+    "FIGAROH fits geometry to 400 rows at rest at most, less the nominal springs' deflection; it has no compliances.",
 )
 SEEDS = "200:236"
 #: Rows of the page, and what they are called.
@@ -73,8 +73,8 @@ def measure(settings: Settings) -> Findings:
         (
             f"Single effects are named at their place in {beside(SINGLES)}.",
             f"Pairs of effects are named completely in {beside(DOUBLES)}.",
-            f"Where nothing is wrong, nothing is named in {beside(NOTHING)}.",
-            f"Claims stated with .8 and more are wrong in {beside(SURE)}.",
+            f"Without a hidden effect, none is named in {beside(NOTHING)}.",
+            f"Names stated with a probability of .8 and more are wrong in {beside(SURE)}.",
             "Error of a later campaign over its noise floor, median: "
             + ", ".join(f"{WORDS[name]} {found['fresh_over_floor_median']:.2f}" for name, found in scores.items())
             + f", nominal robot {scores['product']['nominal_over_floor_median']:.2f}.",

@@ -14,12 +14,12 @@ from benchmarks.results.chart import Chart
 from benchmarks.results.findings import ROOT, Findings, MissingError, Settings, draw_table, run_benchmark
 
 TITLE = "Diagnosis of measured robots"
-QUESTION = "On tracker campaigns of real robots: how far are poses that chose nothing from the updated robot model?"
+QUESTION = "On tracker campaigns of real robots: how far is the updated robot model from poses left out of the fit?"
 METHOD = (
     "`--real DIR` names folders with `robot/`, `measurements.csv` and `fresh.csv`. The diagnosis, a plain rival "
     "(greedy, BIC), a plain calibration of all lengths, zeros and compliances and FIGAROH's geometric calibration "
-    "(`--figaroh-python`) see `measurements.csv`, whole and thinned by a fixed draw; `fresh.csv` chose nothing. Frames "
-    "are fitted to the fresh rows, the same for all."
+    "(`--figaroh-python`) see `measurements.csv`, whole and thinned by a fixed draw; `fresh.csv` enters no "
+    "fit. Frames are fitted to the fresh rows, the same for all."
 )
 CHART = Chart("error of fresh poses, mm", {
     name: (f"{name}, mm", 0) for name in ("nominal", "compplan", "plain rival", "plain calibration", "FIGAROH")
@@ -27,8 +27,8 @@ CHART = Chart("error of fresh poses, mm", {
 LIMITS = (
     "The campaigns are published ones and are not part of this project (their licences ask for their notices).",
     "Two robots of one brand, unloaded. Load effects cannot be seen in them.",
-    "FIGAROH is given 400 rows at most (it loops over them), and positions without what the nominal springs bend.",
-    "What causes the error of a real robot is known in part only: the names are held against what others published.",
+    "FIGAROH is given 400 rows at most (it loops over them), and positions less the deflection of the nominal springs.",
+    "The causes of a real robot's error are known only in part: names are compared with what others published.",
 )
 #: The first two are drawn as they have been since the page was first made.
 THINNED, SEED = (25, 100, 15, 50), 7

@@ -11,14 +11,14 @@ from benchmarks.results.findings import Findings, Settings, draw_table
 TITLE = "Forces: is the engagement of a cutter right?"
 QUESTION = "How far are removed volume, axial depth and radial width from a sweep of cubes?"
 METHOD = (
-    "`python -m benchmarks engagement` moves a cutter through a block of cubes; it shares no code with the product. "
+    "`python -m benchmarks engagement` moves a cutter through a block of cubes; it shares no code with compplan. "
     "The mean force is compared with an integral over the teeth in `tests/process/test_milling.py`."
 )
 CHART = Chart("difference to the sweep of cubes, %", {
     name: (name, 0) for name in ("volume", "axial depth", "radial width")
 })  # fmt: skip
 LIMITS = (
-    "The sweep shares the shape of the cutter with the product: it checks geometry, not the material.",
+    "The sweep uses the same cutter shape: it checks geometry, not material.",
     "Force coefficients of a material are the user's; nobody has compared a measured cut.",
 )
 

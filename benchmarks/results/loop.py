@@ -27,7 +27,7 @@ TITLE = "The loop: what do poses and a first part bring?"
 QUESTION = "A robot hides three errors and the force is not the predicted one. How far is each program's tip off?"
 METHOD = (
     "`python -m benchmarks loop`: MuJoCo robots with three hidden effects, every third with one outside the "
-    "vocabulary, small errors on every axis and unknown frames; the product sees programs and measurements. "
+    "vocabulary, small errors on every axis and unknown frames; compplan gets programs and measurements only. "
     "Path B lies elsewhere. The robot touches both parts off before the force acts. True rms deviation across the path "
     "under the shop's own force. Bands are compared with "
     "parts whose force scatters by 7 %, as does that of the measured part. A noise floor counts instrument, robot, "
@@ -38,10 +38,10 @@ CHART = Chart("true rms across path A, mm", {
 }, log=True)  # fmt: skip
 LIMITS = (
     "Simulated robots, five kinds; circles under a constant force. Jobs with joint programs alone.",
-    "A shop keeps its robot: a band that holds 95 % of all is 1.7 to 1.8 times the true 95 % point of one (two tried).",
-    "By a force that scatters by 7 % the best estimate of one part leaves more than 1.2 floors in 18 %, more than 1.1"
-    " times the error after poses in 21 %.",
-    "The points of the part have no s_mm, so the error along the path is not seen.",
+    "Each shop has one robot: a band for 95 % of all robots is 1.7 to 1.8 times the 95 % point of one (two tried).",
+    "Because the force scatters by 7 %, the best estimate from one part leaves more than 1.2 floors in 18 %, more than"
+    " 1.1 times the error after poses in 21 %.",
+    "The points of the part have no s_mm, so the error along the path is not measured.",
 )
 SHOPS, FIRST = 40, 0
 

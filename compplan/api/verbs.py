@@ -63,7 +63,7 @@ def plan(
         job: A job: the TOML file, a `Job`, or its tables; or a path: a CAM file or CSV, a `Toolpath`, a DataFrame, or
             columns by name with units in the names.
         robot: Name of a shipped robot, a robot folder, or a `Robot`; it replaces the job's, and is required for a path.
-        out: Folder for the files of the command of this name; left out: nothing is written.
+        out: Folder for the files that the command writes; left out: nothing is written.
         progress: Called with the current step as text; an exception raised in it ends the call.
         tables: Tables of the job, such as `plan={"tolerance_mm": 0.05}`; their keys replace those of the job.
             `part=(x, y, z)` or `(x, y, z, rx, ry, rz)` in mm and deg, `output="krl"` for a program.
@@ -97,16 +97,16 @@ def post(
 
     Args:
         camfile: The CAM file.
-        robot: A folder in robots/ or a path.
+        robot: Name of a shipped robot, or path of a robot folder.
         part: Part frame in the robot base frame: X Y Z [mm], with a rotation vector [deg] if six numbers; or [part].
         program: Language, or languages.
-        profile: Shop profile with defaults of all these; robot, part and program may be left out if it has them.
-        tool: [tool]; left out: the robot folder's TCP.
+        profile: Shop profile with defaults; robot, part and program may be left out if it states them.
+        tool: Table [tool] of a job; left out: the robot folder's TCP.
         tools: For a file that calls several tools: a list of [[tool]], or a tool table (its file, or [tools]).
-        process: [process]; left out: no force is predicted.
-        cam: [cam]: options for reading the file.
-        plan: [plan]: strategy, tolerance, posture.
-        output: [output]: signals (io), templates.
+        process: Table [process] of a job; left out: no force is predicted.
+        cam: Table [cam] of a job: options for reading the file.
+        plan: Table [plan] of a job: strategy, tolerance, posture.
+        output: Table [output] of a job: signals (io), templates.
         out: Folder to write to; left out: out.
 
     Raises:
@@ -154,7 +154,7 @@ def compare(
     Args:
         job: As for `compplan.plan`.
         robot: As for `compplan.plan`.
-        out: Folder for the files of the command of this name; left out: nothing is written.
+        out: Folder for the files that the command writes; left out: nothing is written.
         progress: Called with the current step as text; an exception raised in it ends the call.
         tables: Tables of the job; their keys replace those of the job.
 
@@ -190,13 +190,13 @@ def diagnose(
         measurements: A measurement log: the CSV file, a `Campaign`, a DataFrame, or columns by name with units in the
             names.
         robot: Name of a shipped robot, a robot folder, or a `Robot`.
-        register: Unknown frames, of "base" and "tool"; they are fitted in every model.
+        register: Unknown frames: "base", "tool" or both; they are fitted in every model.
         without: Effects to leave out of the candidates.
         tool: The tool that was mounted, as [tool] of a job, or its TOML file.
         target_offset_mm: The measured point in the TCP frame; left out: the TCP. Shape (3,). [mm]
         instrument: TOML file of an instrument that does not measure positions: contacts, readings, ball bars.
         assume_ok: Whether to continue despite a plausibility question about the log.
-        out: Folder for the files of the command of this name; left out: nothing is written.
+        out: Folder for the files that the command writes; left out: nothing is written.
         progress: Called with the current step as text; an exception raised in it ends the call.
 
     Returns:
@@ -263,7 +263,7 @@ def learn(
         mesh: Nominal surface of the part, STL or PLY in mm, in the frame of the points; they count along its normals.
         reach_mm: Greatest distance of that surface from the path of the tip; left out: from the job's cutter. [mm]
         assume_ok: Whether to continue despite a plausibility question about the points.
-        out: Folder for the files of the command of this name; left out: nothing is written.
+        out: Folder for the files that the command writes; left out: nothing is written.
         progress: Called with the current step as text; an exception raised in it ends the call.
 
     Returns:

@@ -109,9 +109,7 @@ def examine_robot(robot: Robot) -> list[Remark]:
     tool = f"tools leave along {name_axis(outward_axis(robot))} of {robot.flange!r}"
     remarks = [Remark("fine", "folder", f"{robot.name}: {kinds}; {size}; {tool}")]
     if robot.grade == "placeholder":
-        remarks += [
-            Remark("odd", "robot model", "placeholder: its stiffness is assumed", "measure it before you rely on it")
-        ]
+        remarks += [Remark("odd", "robot model", "placeholder: assumed stiffness", "measure it before you rely on it")]
     elif (known := explain_grade(robot)).endswith("not measured on your robot"):
         remarks += [Remark("note", "robot model", known, "measure it: compplan campaign JOB, then compplan diagnose")]
     for joint in robot.actuated:

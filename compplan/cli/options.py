@@ -46,7 +46,7 @@ class CommandResult(NamedTuple):
 FOLDER, TABLE, INPUT = ResultPath(), ResultPath(".csv"), click.Path(path_type=Path)
 out_folder = click.option("--out", "folder", type=FOLDER, default="out", show_default=True, help="Folder to write to.")
 out_table = click.option("--out", required=True, type=TABLE, help="CSV file to write.")
-assume_ok = click.option("--assume-ok", is_flag=True, help="Go on where the data raise a question.")
+assume_ok = click.option("--assume-ok", is_flag=True, help="Continue although a value looks implausible.")
 
 
 def make_command(*options: Callable[[Any], Any], epilog: str | None = None) -> Callable[[Any], click.Command]:
@@ -145,7 +145,7 @@ measured_options = add_options(
                  help="Measured point in the TCP frame, mm; left out: the TCP. With --register tool it is where "
                  "the fit begins."),
     click.option("--instrument", type=INPUT,
-                 help="TOML file of an instrument that sees no positions: contacts (ball in a socket, tip on a "
+                 help="TOML file of an instrument that measures no positions: contacts (ball in a socket, tip on a "
                  "cone), readings along a direction (dial gauge, probe), distances (ball bar). The tool is fitted "
                  "unless --target-offset says it."),
 )  # fmt: skip
@@ -159,7 +159,7 @@ def take_cam_options(command: Command) -> Command:
     return add_options(
         click.option("--unit", type=click.Choice(["mm", "inch"]), help="Unit of a file that does not state one."),
         click.option("--from", "from_mm", metavar="X,Y,Z", callback=_read_place,
-                     help="Start of cuts from an unknown position: mm, part frame."),
+                     help="Tool tip before the first cut, if the file does not state it: mm, part frame."),
         click.option("--feed", "feed_mm_s", type=float, metavar="MM_S",
                      help="Feed of cutting moves for which the file states none."),
         click.option("--machine", metavar="NAME",

@@ -74,9 +74,9 @@ def add_verbosity(command: click.Command) -> click.Command:
     if not any(parameter.name == "verbose" for parameter in command.params):
         command.params += [
             click.Option(["-v", "--verbose"], count=True, expose_value=False, callback=_set_verbose,
-                         help="Say on stderr what is being done; -vv: every file read, every solver, too."),
+                         help="Log each step to stderr; -vv: also files read and solver runs."),
             click.Option(["-q", "--quiet"], is_flag=True, expose_value=False, callback=_set_quiet,
-                         help="Print errors alone (and what --json prints)."),
+                         help="Print only errors (and the output of --json)."),
         ]  # fmt: skip
     return command
 

@@ -13,7 +13,7 @@ Entry = TypeVar("Entry")
 class Registry(UserDict[str, Entry]):
     """Modules by name, imported at first access.
 
-    A lower package may list the names; the package that holds the modules then sets itself with `held_by`.
+    A package may list names of modules that a later package holds; that package registers itself with `held_by`.
     """
 
     def __init__(self, names: Iterable[str], package: str = "") -> None:

@@ -246,7 +246,7 @@ class Job(StrictTable):
 
     @property
     def label(self) -> str:
-        """Short name of the operation of this job in a CAM file of several tools, or ""."""
+        """Short name of this job's operation if its CAM file has several tools, otherwise ""."""
         return self._context.label
 
     @property
@@ -256,7 +256,7 @@ class Job(StrictTable):
 
     @property
     def tool_x_base(self) -> Array:
-        """Direction of the TCP frame's x axis without free rotation about the tool axis, base axes. Shape (3,)."""
+        """Direction of the TCP frame's x axis if the tool may not turn about its axis, base axes. Shape (3,)."""
         direction = self.T_base_part[:3, :3] @ np.asarray(self.plan.tool_x)
         return np.asarray(direction / np.linalg.norm(direction))
 

@@ -14,12 +14,12 @@ from compplan.toolpath.reading import read_toolpath
 
 
 def split_job(job: Job) -> tuple[Job, ...]:
-    """Split a job into one for each operation of its CAM file, with tool, mass and force law of its T number.
+    """Split a job into one job per operation of its CAM file, each with tool, mass and force law of its T number.
 
     Jobs without [[tool]] and [tools], or without a CAM file, are returned unchanged.
 
     Raises:
-        InputError: If a tool that cuts is not described.
+        InputError: If the job does not describe a tool that cuts.
     """
     if not job.context.tools and job.tool_table is None:
         return (job,)

@@ -85,7 +85,7 @@ class LearnedPart(Shown):
 
     @property
     def nominal(self) -> Array:
-        """Return the nominal tip at the waypoints of the next program, nothing subtracted. Shape (n, 3). [m]."""
+        """Return the nominal tip at the waypoints of the next program, uncorrected by learning. Shape (n, 3). [m]"""
         task = self.after.task
         length = np.interp(task.origin, np.arange(len(self.path)), self.path.arc_length)
         return np.asarray(task.position + (0.0 if self.residual is None else self.residual.at(length)))
@@ -108,7 +108,7 @@ class LearnedPart(Shown):
         return [("measured part", f"{name}: {taken}, {self.robot.name}"), *rows]
 
     def curves(self) -> Curves:
-        """Return the measured deviation along the path and its repeatable part by the model. [mm]."""
+        """Return the measured deviation along the path, and the part of it that the model expects to repeat. [mm]"""
         order = np.argsort(self.measured.length)
         measured, update = np.linalg.norm(self.measured.seen, axis=1)[order] * 1e3, self.model_update
         explained = 1e3 * np.linalg.norm(update.physics + update.pushed + update.residual, axis=1)

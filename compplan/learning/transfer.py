@@ -53,9 +53,7 @@ def choose_transfer(model: UpdateModel, gathered: Gathered, *, learned: bool = F
     """
     part = np.minimum(STRETCHES * np.arange(len(gathered.row)) // max(len(gathered.row), 1), STRETCHES - 1)
     if not part.any():
-        return Transfer(
-            False, False, "not used for other paths: only one place of the part was measured", (np.inf,) * 3
-        )
+        return Transfer(False, False, "used for this path only: just one place was measured", (np.inf,) * 3)
     left = np.zeros((3, *gathered.deviation.shape))
     for test, state in learn_without(model, gathered, part):
         rows = gathered.row[test]

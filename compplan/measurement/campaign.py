@@ -159,7 +159,7 @@ class Campaign(Shown):
         return bool(self.is_load(np.ptp(np.percentile(wrench, (3, 97), axis=0), axis=0)[None])[0])
 
     def is_load(self, wrench: Array) -> NDArray[np.bool_]:
-        """Return which wrenches or changes of wrench, (n, 6) [N, N m], exceed the noise of the sensor. Shape (n,)."""
+        """Return whether each wrench or change of wrench (n, 6) [N, N m] exceeds the sensor's noise. Shape (n,)."""
         force = np.linalg.norm(np.nan_to_num(wrench[:, :3]), axis=1)
         moment = np.linalg.norm(np.nan_to_num(wrench[:, 3:]), axis=1)
         share = SAME_LOAD * self.load_scale
@@ -258,7 +258,7 @@ class Campaign(Shown):
         return ~self.is_load(self.wrench)
 
     def take(self, rows: NDArray[np.int_] | NDArray[np.bool_]) -> Campaign:
-        """Select rows; properties derived from the order of rows are computed anew from the selected rows."""
+        """Select rows, and recompute what depends on their order."""
         fields: dict[str, Any] = {}
         for name in (
             "run", "q", "wrench", "position", "rotation", "time", "temperature", "link", "motor", "sigma",

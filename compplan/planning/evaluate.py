@@ -26,7 +26,7 @@ def find_part(task: PlanTask, cell: SimulatedRobot) -> SimulatedRobot:
 def evaluate_run(task: PlanTask, q: Array, cell: SimulatedRobot, bias: Array | None = None) -> Evaluation:
     """Run a command (n, nq) on a simulated robot and compare the loaded tool with the nominal path.
 
-    `bias` (n, s) is the load of inertia on each elastic coordinate (default: of the task).
+    `bias` (n, s) [N m or N]: load of inertia on each elastic coordinate; default: that of the task.
     """
     more = task.bias if bias is None else bias
     return _compare(task, run_simulated_robot(find_part(task, cell), q, task.wrench, task.step_time, more))

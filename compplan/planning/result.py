@@ -172,7 +172,7 @@ class Plan(Shown):
         if start is not None and start.cause and far:
             word, stops, rest, rows = "are out of reach", start.cause, len(rows) - len(far), far
             place = np.abs((0.0,) if self.job is None else self.job.part.position_mm).max()
-            stops += "; is the position of the part in metres, not in mm" if 0.0 < place < MOST_METRES else ""
+            stops += " (is the position of the part in metres, not in mm?)" if 0.0 < place < MOST_METRES else ""
             stops += f"; {rest} others need more correction than plan.max_correction_mm" if rest else ""
         elif not far:
             most = 1e3 * self.task.max_correction

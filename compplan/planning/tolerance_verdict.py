@@ -174,7 +174,7 @@ def find_change(error_band: ErrorBand, cause: str, *, compensates: bool = True) 
         best = min(rung.band for rung in error_band.ladder[1:])
         steps = join_names([SHORT[rung.step] for rung in error_band.ladder[1:]])
         # clearly more: corners and fit of the program use a share of the tolerance
-        allow = f"take {steps} (band {state_mm(best)}) and allow clearly more"
+        allow = f"take {steps} (band {state_mm(best)}) and a tolerance above it"
         return (
             f"Reduce the force, or {allow}." if cause in ELASTIC else f"{allow.capitalize()}; less force helps little."
         )

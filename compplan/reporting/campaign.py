@@ -165,13 +165,7 @@ def describe_campaign(campaign: PoseCampaign) -> str:
 
 def _render(campaign: PoseCampaign) -> str:
     """Return the page: poses, expected 95 % band, remaining uncertainty."""
-    plan, choice = campaign.plan, campaign.choice
-    bands = [
-        ["now", 1e3 * campaign.design.model_band(campaign.start)],
-        [f"{len(choice.rows)} designed poses", Cell(1e3 * campaign.design.model_band(choice.covariance), "strong")],
-    ]
-    caption = f"Instrument {1e3 * campaign.design.sigma:g} mm per axis."
-    brings = DataTable(["after", "band of the parameters alone, rms [mm]"], bands, caption)
+    plan = campaign.plan
     figure = draw_cell(plan.robot, plan.q, plan.task.position, beside=campaign.poses.tip)
     tip, at = np.unique(campaign.poses.tip[:-1].round(2), axis=0, return_inverse=True)
     labels = [", ".join(str(k + 1) for k in np.flatnonzero(at == place)) for place in range(len(tip))]
@@ -185,7 +179,6 @@ def _render(campaign: PoseCampaign) -> str:
     )  # fmt: skip
     scene = Chart(figure, f"Dots: {dots}. Line: the path.", 460)
     sections = [
-        Section("What it brings", [brings], "The 95 % band of single points of this path."),
         Section("Poses", [scene, _list_poses(campaign)],
                 "In the order of measuring. Approach each from the stated side, let it settle, then measure."),
         Section("What remains", [list_leading(campaign.rest)], "What would narrow the band most afterwards."),

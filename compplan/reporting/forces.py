@@ -119,7 +119,7 @@ def write_level(found: ForcePrediction, file: Path) -> None:
     from earlier parts or the prediction with its uncertainty, by inverse variances.
     """
     if found.fit is None or not (file.parent / "robot.urdf").is_file():
-        raise InputError("process.toml belongs into a robot folder, beside robot.urdf", file=file)
+        raise InputError("no robot.urdf beside it: write process.toml into the folder of a robot", file=file)
     process, (level, sigma) = found.job.process, found.fit.ratio
     if not 0.0 < level <= MOST_LEVEL:
         raise InputError(f"the log's force is {level:.3g} times the predicted one, above 0 is allowed", file=file)

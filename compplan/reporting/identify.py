@@ -118,14 +118,7 @@ def _render(summary: Mapping[str, Any]) -> str:
     ]  # fmt: skip
     if geometry:
         fold = Fold(f"{len(geometry)} changes of geometry", [_list_parameters(geometry)])
-        sections.insert(
-            1,
-            Section(
-                "Geometry",
-                [fold],
-                "Fitted together with the compliances, because its errors show at poses left out of the fit too.",
-            ),
-        )
+        sections.insert(1, Section("Geometry", [fold], "Fitted together with the compliances."))
     facts = [
         ("robot", str(robot)), ("positions", summary["reference"]), ("intervals from", summary["intervals_from"]),
         ("condition number", f"{summary['condition_number']:.3g}" if summary["condition_number"] else "none"),

@@ -20,7 +20,7 @@ import numpy as np
 from compplan.controllers.writers import WHOLE, write_sequence
 from compplan.io.notes import list_remarks, list_stops
 from compplan.io.palette import BAND, BEFORE
-from compplan.io.quantities import format_length, format_mm, format_mm_change
+from compplan.io.quantities import format_mm, format_mm_change
 from compplan.io.tables import read_text, write_json, write_text
 from compplan.io.transaction import list_files, replace_folder
 from compplan.planning.result import Plan
@@ -166,19 +166,6 @@ def describe_order(summary: dict[str, Any], files: Sequence[Path]) -> str:
     return f"{order}; {' and '.join(mains)} {'calls' if len(mains) == 1 else 'call'} them in order" if mains else order
 
 
-def describe_operations(summary: Mapping[str, Any]) -> str:
-    """Summarise all operations in two sentences."""
-    tools, tolerance = summary["tools"], summary["verdict"]["tolerance_mm"]
-    before, after = (format_length(1e-3 * summary[key]["max"]) for key in ("error_before_mm", "error_after_mm"))
-    verdict = summary["verdict"]["word"].replace("_", " ")
-    names = ", ".join(tool["label"] for tool in tools)
-    return (
-        f"{len(tools)} operations ({names}), {summary['status'].replace('_', ' ')}: greatest deviation {before} "
-        f"uncorrected, {after} planned, {summary['duration_s']:.0f} s without the tool changes. Verdict: {verdict} "
-        f"{tolerance:g} mm."
-    )
-
-
 def _render(summary: Mapping[str, Any]) -> str:
     """Return the page: summary, one line per tool, and links to the pages of the tools."""
     tools, mains = summary["tools"], summary.get("main_programs", [])
@@ -199,16 +186,18 @@ def _render(summary: Mapping[str, Any]) -> str:
         Section("Programs", [DataTable(["tool", "files"], files)],
                 "In this order; each begins with its tool change.", True),
     ]  # fmt: skip
-    return render_page(summary["name"], _open(summary), sections, kind="Plan", notes=list_remarks(summary["notes"]),
-                       provenance=Provenance([("robot", summary["robot"])]))  # fmt: skip
+    return render_page(
+        summary["name"], open_operations(summary), sections, kind="Plan", notes=list_remarks(summary["notes"]),
+        provenance=Provenance([("robot", summary["robot"])]),
+    )  # fmt: skip
 
 
-def _open(summary: Mapping[str, Any]) -> Summary:
+def open_operations(summary: Mapping[str, Any]) -> Summary:
     """Return the first screen: verdict on all operations, and the points to resolve before the machine moves."""
     tools, verdict = summary["tools"], summary["verdict"]
     bands = [tool["verdict"]["band_mm"] for tool in tools]
     change = format_mm_change(*(1e-3 * summary[key]["max"] for key in ("error_before_mm", "error_after_mm")))
-    words = {"keeps": "All operations keep", "may_not_keep": "Not all operations keep",
+    words = {"keeps": "All operations keep", "may_not_keep": "Some operations may not keep",
              "not_known": "It is not known whether all operations keep"}[verdict["word"]]  # fmt: skip
     band, tone = "not known" if None in bands else format_mm(1e-3 * max(bands)), TONES[verdict["word"]]
     figures = [
@@ -221,6 +210,6 @@ def _open(summary: Mapping[str, Any]) -> Summary:
     names = [tool["label"] for tool in tools]
     chart = draw_bars(names, series, "greatest deviation of the tip, mm", level=verdict["tolerance_mm"])
     caption = "Each operation; dashed: the tolerance. The 95 % band has to stay below it."
-    todo = "Open the page of each operation below; run the programs in the order below."
+    todo = "Open OUT/report.html: it has a page for each operation, and the order of the programs."
     return Summary(f"{words} {verdict['tolerance_mm']:g} mm.", tone, figures,
                    Chart(chart, caption, 120 + 70 * len(tools)), todo, list_stops(summary["notes"]))  # fmt: skip

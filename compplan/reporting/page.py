@@ -83,10 +83,9 @@ class Picture:
 
 @dataclass(frozen=True)
 class Columns:
-    """Groups of blocks side by side if the page is wide enough; `widths`: their shares of the width."""
+    """Groups of blocks side by side if the page is wide enough."""
 
     groups: Sequence[Sequence[Block]]
-    widths: Sequence[float] = ()
 
 
 @dataclass(frozen=True)
@@ -123,7 +122,7 @@ class Summary:
     stops: Sequence[str] = ()  #: Points to resolve before the machine moves, one sentence each.
     sheet: Section | None = None  #: Section shown open directly below, such as the setup sheet.
 
-    def format(self, folder: Path, files: Sequence[str], notes: Sequence[str] = ()) -> list[str]:
+    def format(self, folder: Path, files: Iterable[str | Path], notes: Sequence[str] = ()) -> list[str]:
         """Return the lines of the terminal: verdict, figures, points to resolve, notes, written files, next step."""
         width = max((len(figure[0]) for figure in self.figures), default=0)
         figures = [f"  {figure[0]:<{width}}  {figure[1]}" for figure in self.figures]
@@ -160,8 +159,8 @@ class Provenance:
 
 
 def render_page(
-    title: str, opening: Summary, sections: Sequence[Section], *, kind: str = "", answers: Sequence[str] = (),
-    warning: str = "", notes: Sequence[str] = (), provenance: Provenance | None = None,
+    title: str, opening: Summary, sections: Sequence[Section], *, kind: str = "", notes: Sequence[str] = (),
+    provenance: Provenance | None = None,
 ) -> str:  # fmt: skip
     """Return a page as one self-contained HTML file.
 
@@ -170,8 +169,6 @@ def render_page(
         opening: The first screen.
         sections: The sections.
         kind: Small line above the title, such as "Plan".
-        answers: Longer answer of one or more sentences, folded.
-        warning: First of the points that stop the machine, such as the cause of infeasibility.
         notes: Remarks; they are folded.
         provenance: Origin of the page.
     """
@@ -188,9 +185,8 @@ def render_page(
     script = (TEMPLATES / "page.js").read_text(encoding="utf-8")
     library = PLOTLY.read_bytes() if charts else b""
     html = _environment().get_template("page.html.j2").render(
-        title=title, answers=list(answers), kind=kind, opening=opening, picture=picture, notes=list(notes),
-        sections=parts, stops=[*([warning] if warning else []), *opening.stops],
-        provenance=None if provenance is None else _add_origin(provenance),
+        title=title, kind=kind, opening=opening, picture=picture, notes=list(notes),
+        sections=parts, stops=opening.stops, provenance=None if provenance is None else _add_origin(provenance),
         version=VERSION, css=(TEMPLATES / "page.css").read_text(encoding="utf-8"), script=script,
         plotly=base64.b64encode(library).decode("ascii"),
         payload=base64.b64encode(gzip.compress(payload.encode(), mtime=0)).decode("ascii"),
@@ -244,9 +240,8 @@ def _describe(block: Block, charts: list[dict[str, Any]]) -> dict[str, Any]:
         return {"kind": "picture", "data": data, "caption": block.caption, "alt": block.description or block.caption}
     if isinstance(block, Fold):
         return {"kind": "fold", "summary": block.summary, "blocks": [_describe(item, charts) for item in block.blocks]}
-    widths = block.widths or [1.0] * len(block.groups)
     groups = [[_describe(item, charts) for item in group] for group in block.groups]
-    return {"kind": "columns", "groups": groups, "template": " ".join(f"minmax(0, {width:g}fr)" for width in widths)}
+    return {"kind": "columns", "groups": groups, "template": " ".join(["minmax(0, 1fr)"] * len(groups))}
 
 
 def _describe_table(table: DataTable) -> dict[str, Any]:

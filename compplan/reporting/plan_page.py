@@ -84,7 +84,7 @@ def write_plan_page(plan: Plan, file: Path) -> None:
         assumptions.append(_list_uncertainties(choice))
         sections.append(_show_posture(plan, choice, stations))
     write_text(file, render_page(
-        plan.name, open_plan(plan, file.parent), sections, kind=f"Path plan, {plan.robot.name}", warning=_warn(plan),
+        plan.name, open_plan(plan, file.parent), sections, kind=f"Path plan, {plan.robot.name}",
         notes=list_remarks(plan.notes), provenance=describe_robot(plan.robot, _list_facts(plan), assumptions),
     ))  # fmt: skip
 
@@ -101,17 +101,6 @@ def _list_facts(plan: Plan) -> list[tuple[str, str]]:
         ("rotation about the tool axis", "free" if plan.task.spin_free else "fixed by the job"),
         ("time in the solver", f"{plan.command.solve_time:.3g} s"),
     ]  # fmt: skip
-
-
-def _warn(plan: Plan) -> str:
-    if plan.status == "not_confirmed":
-        return f"Not confirmed: {'; '.join(plan.breaches)}. Not a program to run."
-    if plan.status != "infeasible":
-        return ""
-    failures = plan.command.failures
-    limits = ", ".join(sorted(set(failures.values()))) or "limits"
-    count = f"{len(failures)} of {len(plan.task)} waypoints fail ({limits}); " if failures else ""
-    return f"Infeasible: {count}this is the best compromise, not a program to run."
 
 
 def _show_reach(plan: Plan, rates: Sequence[tuple[str, Array, Array]]) -> Section:
@@ -152,7 +141,7 @@ def _show_reach(plan: Plan, rates: Sequence[tuple[str, Array, Array]]) -> Sectio
         "tip: which moves carry force, which are in the cut without, and which are rapid.",
         height=400, along=True,
     )  # fmt: skip
-    return Section("What it reaches", [Columns([[table], [cell]], (0.5, 0.5))])
+    return Section("What it reaches", [Columns([[table], [cell]])])
 
 
 def _show_deviation(plan: Plan) -> Section:

@@ -64,8 +64,20 @@ def open_plan(plan: Plan, folder: Path | None = None) -> Summary:
     sentence = re.split(r"(?<=[.!?])\s+(?=[A-Z])", verdict.sentence.strip(), maxsplit=1)[0]
     return Summary(
         sentence, tone, figures, Chart(draw_curves(plan.curves()), caption, 340),
-        _name_job(plan, verdict.change) or FIRST_RUN, list_stops(plan.notes), write_sheet(plan, folder),
+        _name_job(plan, verdict.change) or FIRST_RUN, _list_stops(plan), write_sheet(plan, folder),
     )  # fmt: skip
+
+
+def _list_stops(plan: Plan) -> list[str]:
+    stops = list_stops(plan.notes)
+    if plan.status == "not_confirmed":
+        return [f"Not confirmed: {'; '.join(plan.breaches)}. Do not run the programs.", *stops]
+    if plan.status != "infeasible":
+        return stops
+    failures = plan.command.failures
+    limits = ", ".join(sorted(set(failures.values()))) or "limits"
+    count = f"{len(failures)} of {len(plan.task)} waypoints fail ({limits}); " if failures else ""
+    return [f"Infeasible: {count}the programs hold the best compromise, do not run them.", *stops]
 
 
 def _show_band(plan: Plan) -> str:
@@ -217,7 +229,8 @@ def format_plan(plan: Plan, folder: Path, files: Sequence[Path]) -> list[str]:
     lines = [_format_verdict(plan), _format_band(plan), cause, _format_basis(plan)]
     step = f"next: {step[0].lower()}{step[1:].rstrip('.')}"
     wrote = format_files(folder, files, count_notes(plan.notes), plan.status)
-    return [*map(_shorten, lines), *format_stops([*plan.reasons, *plan.notes]), wrote, step]
+    stops = [f"before the machine moves: {stop}" for stop in list_stops([*plan.reasons, *plan.notes])]
+    return [*map(_shorten, lines), *stops, wrote, step]
 
 
 def _format_band(plan: Plan) -> str:
@@ -244,11 +257,6 @@ def _format_basis(plan: Plan) -> str:
     touch = f"{basis}; touch off the part with this robot and tool"
     other = f"{touch} (else [part] touched_off = false)"
     return other if len(other) <= WIDTH else touch
-
-
-def format_stops(notes: Iterable[str]) -> list[str]:
-    """Return the points to resolve before the machine moves, in full."""
-    return [f"before the machine moves: {stop}" for stop in list_stops(notes)]
 
 
 def count_notes(notes: Iterable[str]) -> str:

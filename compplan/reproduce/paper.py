@@ -187,7 +187,7 @@ def _render(result: Reproduction) -> str:
         list(dict.fromkeys(text for part in parts for text in part.assumptions)),
     )
     return page.render_page(
-        result.title, _open(result), sections, kind="Reproduction", answers=[result.lede], provenance=provenance
+        result.title, _open(result), sections, kind="Reproduction", notes=[result.lede], provenance=provenance
     )
 
 

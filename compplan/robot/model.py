@@ -155,7 +155,7 @@ class Robot(Shown):
 
     @property
     def loading_bodies(self) -> tuple[Body, ...]:
-        """Masses that load the springs: all if gravity is in the model, otherwise the difference of the tools."""
+        """Masses that load the springs: all if gravity is in the model, otherwise mounted minus earlier tool."""
         return self.weights if self.gravity is None and self.weights else self.bodies
 
     @property
@@ -186,11 +186,11 @@ class Robot(Shown):
 
     @property
     def arm_limits(self) -> tuple[Array, Array]:
-        """Position limits that the arm keeps away from; joints that carry the part may reach theirs. [rad or m]."""
+        """Position limits that the arm keeps a margin from; joints that carry the part may reach theirs. [rad or m]"""
         return np.where(self.carriers, -np.inf, self.lower), np.where(self.carriers, np.inf, self.upper)
 
     def room(self, turn: float) -> Array:
-        """Return the margins to the limits: `turn` [rad], 0 for slides and carriers of the part. Shape (nq,)."""
+        """Return margins to the limits: `turn` [rad]; 0 for slides and joints that carry the part. Shape (nq,)."""
         return np.where(self.prismatic | self.carriers, 0.0, turn)
 
     @property
@@ -210,7 +210,7 @@ class Robot(Shown):
 
     @property
     def nq(self) -> int:
-        """Count the commanded joints."""
+        """Number of commanded joints."""
         return len(self.actuated)
 
     @property
@@ -301,7 +301,7 @@ class Robot(Shown):
 
     @property
     def longest_reach(self) -> float:
-        """Bound the distance of the TCP from the base: all placements in line, slides at their ends. [m]."""
+        """Upper bound of the distance of the TCP from the base: links stretched, slides at their ends. [m]"""
         slides = sum(max(abs(joint.lower), abs(joint.upper)) for joint in self.joints if joint.kind == "prismatic")
         return float(sum(np.linalg.norm(joint.placement[:3, 3]) for joint in self.joints) + slides)
 

@@ -103,7 +103,7 @@ def _attain(
 
 @dataclass(frozen=True)
 class Evaluation:
-    """Deviation of a simulated run from its path; n waypoints, base frame. Figures are of the waypoints of the cut."""
+    """Deviation of a simulated run from its path; n waypoints, base frame. Figures cover the cut only."""
 
     position: Array  #: Attained tip. Shape (n, 3). [m]
     rotation: Array  #: Attained orientation of the TCP frame. Shape (n, 3, 3).
@@ -133,7 +133,7 @@ class Evaluation:
 
     @property
     def figures(self) -> dict[str, float]:
-        """Deviation over the cut as in files: rms, mean and max. [mm]"""
+        """Deviation over the cut, with the keys of the result files: rms, mean and max. [mm]"""
         sizes = {"rms": self.rms_deviation, "mean": float(self.distance[self.cut].mean()), "max": self.max_deviation}
         return {name: value * 1e3 for name, value in sizes.items()}
 

@@ -68,7 +68,7 @@ class Chain:
 
     @property
     def nq(self) -> int:
-        """Count the commanded joints."""
+        """Number of commanded joints."""
         return len(self.joint_elements)
 
     @property

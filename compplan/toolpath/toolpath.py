@@ -128,7 +128,7 @@ class Toolpath(Shown):
         return columns
 
     def curves(self) -> Curves:
-        """Return the path in the xy plane. [mm]."""
+        """Return the path in the xy plane. [mm]"""
         x, y = self.position[:, 0] * 1e3, self.position[:, 1] * 1e3
         cut = Curve("cut", np.where(self.rapid, np.nan, x), np.where(self.rapid, np.nan, y), "after")
         whole = Curve("rapid", x, y, "neutral")
@@ -143,7 +143,7 @@ class Toolpath(Shown):
 
     @property
     def arc_length(self) -> Array:
-        """Path length up to each waypoint, rapid moves included. Shape (n,) [m]."""
+        """Path length up to each waypoint, rapid moves included. Shape (n,). [m]"""
         return np.concatenate([[0.0], np.cumsum(self.steps)])
 
     @property

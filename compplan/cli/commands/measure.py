@@ -48,10 +48,10 @@ if TYPE_CHECKING:
     click.option("--springs", help="Springs to identify, by name; default: those of the robot and one a joint."),
     click.option("--add", help='Springs that the robot lacks and gets, such as "joint_3.rx,base_joint.ry".'),
     click.option("--effects", help='Effects to fit too, such as "backlash,joint_coupling@joint_5:of joint_4".'),
-    click.option("--geometry", type=click.Choice([*GEOMETRY, "auto"]), default="auto", help="Geometry fitted along."),
+    click.option("--geometry", type=click.Choice([*GEOMETRY, "auto"]), default="auto", help="Geometry to fit too."),
     click.option("--reference", type=click.Choice(["absolute", "difference", "auto"]), default="auto",
                  help="Absolute positions, or each pose against itself under other loads."),
-    click.option("--loss", type=click.Choice(LOSSES), default="tukey", help="How rows far from the model count."),
+    click.option("--loss", type=click.Choice(LOSSES), default="tukey", help="Loss function of the residuals."),
     measured_options, assume_ok, epilog=f"Effects: {', '.join(EFFECTS)}.",
 )  # fmt: skip
 def run_identify(
@@ -95,8 +95,8 @@ def run_identify(
     click.option("--without", multiple=True, metavar="EFFECT",
                  help=f"Leave an effect out of the candidates, may be repeated: {', '.join(EFFECTS)}."),
     click.option("--self-test", is_flag=True,
-                 help="Plant 20 effects of known size in these poses and this noise, diagnose each, and say what was "
-                 "found; takes some twenty times as long, Ctrl-C ends it with what is done."),
+                 help="Simulate 20 effects of known size at these poses with this noise, diagnose each, and list those "
+                 "found; takes twenty times as long. Ctrl-C keeps what is done."),
     measured_options, assume_ok,
 )  # fmt: skip
 def run_diagnose(
@@ -159,7 +159,7 @@ def _test_diagnosis(diagnosis: Diagnosis, seconds: float, work: Work) -> SelfTes
 def run_predict(
     measurements: Path, robot_name: str, out: Path, register: str | None, **measured: Any
 ) -> CommandResult:  # fmt: skip
-    """Predict what the instrument should see in every row of MEASUREMENTS, if the robot folder were the whole truth.
+    """Predict the reading of the instrument in every row of MEASUREMENTS, for the robot as its folder states it.
 
     Example: compplan predict later.csv --robot out/robot --out prediction.csv
     """
@@ -180,14 +180,14 @@ def run_predict(
         "median_mm": float(np.median(distance)) if known else None, "registered": list(parts),
         "notes": list(campaign.notes), "made_by": describe_origin(),
     }  # fmt: skip
-    head = [f"{len(campaign)} rows; measured positions differ by {summary['rms_mm']:.3f} mm rms"] if known else []
+    head = [f"{len(campaign)} rows; measured minus predicted: {summary['rms_mm']:.3f} mm rms"] if known else []
     return CommandResult(summary, [*head, *list_notes(campaign.notes), f"wrote {out}"])
 
 
 @make_job_command(
     click.option("--poses", "count", type=click.IntRange(1, 200), required=True, help="How many poses to measure."),
     out_folder, robot_instead,
-    click.option("--log", "log", type=INPUT, help="What has been measured already."),
+    click.option("--log", "log", type=INPUT, help="Earlier measurements, whose information counts."),
     click.option("--weights-kg", "weights", default="0", show_default=True, metavar="KG,KG",
                  help="Weights that can hang at the tool; 0: none."),
     click.option("--pull-N", "pull", type=click.FloatRange(0.0, 1e5), default=0.0, show_default=True,
@@ -198,13 +198,13 @@ def run_predict(
                  help="Frames that are unknown: base, tool, base,tool (of a tracker if left out) or none."),
     click.option("--with", "instrument", default="tracker", show_default=True,
                  type=click.Choice(["tracker", "sockets", "gauge"]),
-                 help="What sees the tip: positions by a tracker or CMM, a ball put into sockets, a dial gauge."),
-    click.option("--places", type=click.IntRange(1, 30), help="Where those stand; else 3, of dial gauges 6."),
+                 help="Instrument: tracker (or CMM, positions of the tip), sockets for a ball, dial gauge."),
+    click.option("--places", type=click.IntRange(1, 30), help="How many sockets (3) or gauges (6)."),
     click.option("--instrument", "described", type=INPUT,
                  help="TOML file of the instrument of --log, as `diagnose` takes it."),
     click.option("--length-mm", type=click.FloatRange(1.0, 5000.0),
-                 help="Distance of the two sockets of a plate; left out: sockets one by one, which do not determine"
-                 " the scale."),
+                 help="Distance of the two sockets of a plate; left out: single sockets, which do not determine"
+                 " the scale of the arm."),
     click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of the candidates."),
 )  # fmt: skip
 def run_campaign(
@@ -249,7 +249,7 @@ def run_campaign(
                  help="Frame of the measured points."),
     click.option("--align", type=click.Choice(["datum", "best_fit"]),
                  help="Take the points as their frame states (datum), or remove a fitted shift and turn of all points"
-                 " first (best_fit). Left out: datum, with a question where such a shift is large."),
+                 " first (best_fit). Left out: datum, but a large shift of this kind is refused."),
     click.option("--sigma-mm", type=click.FloatRange(LEAST_SIGMA_MM, 20.0),
                  help="Standard deviation of points whose file states none; assumed: 0.02, of a scan 0.05."),
     click.option("--instrument", type=INPUT,
@@ -257,8 +257,8 @@ def run_campaign(
     click.option("--mesh", type=INPUT, help="Nominal surface of the part, STL or PLY in mm, in the frame of the "
                  "points: they count along its normals."),
     click.option("--reach-mm", type=click.FloatRange(0.0, 1000.0, min_open=True),
-                 help="How far from the path of the tip the tool makes that surface; else 1 mm more than the radius of"
-                 " the cutter in [process]."),
+                 help="Greatest distance of that surface from the path of the tip; default: radius of the cutter in"
+                 " [process] plus 1 mm."),
     assume_ok,
 )  # fmt: skip
 def run_learn(

@@ -53,8 +53,8 @@ def run_plan(job: Job, folder: Path) -> CommandResult:
 def carry_out(job: Job, folder: Path, note: str = "") -> CommandResult:
     """Plan a job, one plan for each of its tools, and write the results; `note` is added to the first plan."""
     from compplan.api.verbs import plan_operations
-    from compplan.reporting.operations import describe_operations, describe_order, summarise_operations
-    from compplan.reporting.plan_summary import count_notes, format_plan, format_stops
+    from compplan.reporting.operations import describe_order, open_operations, summarise_operations
+    from compplan.reporting.plan_summary import format_plan
 
     with show_progress() as announce:
         done = plan_operations(job, folder, note, announce)
@@ -62,19 +62,11 @@ def carry_out(job: Job, folder: Path, note: str = "") -> CommandResult:
     if len(done.plans) == 1:
         plan = done.plans[0]
         return CommandResult(plan.to_dict(), format_plan(plan, folder, done.files), fault)
-    name = job.name or job.file.stem
-    summary = summarise_operations(done.plans, name)
-    lines = [f"{name}: {describe_operations(summary)}"]
-    for plan in done.plans:
-        label = "" if plan.job is None else plan.job.label
-        lines.append(f"{label}: {plan.status}, {len(plan.task)} waypoints; {plan.verdict.sentence}")
-    lines += format_stops(summary["notes"])
+    summary = summarise_operations(done.plans, job.name or job.file.stem)
+    lines = [f"{'' if plan.job is None else plan.job.label}: {plan.verdict.sentence}" for plan in done.plans]
     if any(plan.job is not None and plan.job.output.programs for plan in done.plans):
         lines.append(describe_order(summary, done.files))
-    first = folder / summary["tools"][0]["folder"]
-    report = f"{folder / 'report.html'}{count_notes(summary['notes'])}"
-    lines.append(f"wrote {len(done.files)} files to {folder}; next: open {report}, or compplan view {first}")
-    return CommandResult(summary, lines, fault)
+    return CommandResult(summary, open_operations(summary).format(folder, done.files, lines), fault)
 
 
 def explain_failures(plans: Sequence[Plan]) -> InfeasibleError | None:
@@ -101,7 +93,7 @@ OPTIONS = {"toolpath": "CAMFILE"} | {
 @make_command(
     click.argument("camfile", type=INPUT),
     click.option("--profile", metavar="FILE",
-                 help="Shop profile (compplan init profile): what it has may be left out here."),
+                 help="Shop profile (compplan init profile): options that it states may be left out here."),
     robot_option("A folder in robots/ or a path.", required=False),
     click.option("--part", metavar="X,Y,Z[,RX,RY,RZ] | FILE", help="Part frame, mm and rotation vector."),
     click.option("--tool", metavar="FILE", help="TOML file as [tool] of a job; left out: the robot folder's TCP."),

@@ -48,13 +48,13 @@ TABLES = (".csv", ".txt", "")
     click.option("--cycles", type=click.Choice(["skip", "expand"]), help="Whether drilling cycles are cut."),
     click.option("--tool-direction", type=click.Choice(["x", "y", "z", "-x", "-y", "-z"]),
                  help="Where the TCP frame points out."),
-    click.option("--strict", is_flag=True, default=None, help="Refuse a file that is read with any note."),
+    click.option("--strict", is_flag=True, default=None, help="Refuse a file that can only be read with notes."),
     epilog=f"Languages that are read: {', '.join(READERS)}.",
 )  # fmt: skip
 def run_convert(
     camfile: Path, out: Path, report: Path | None, max_step_mm: float | None, cam_file: str | None, **options: Any
 ) -> CommandResult:
-    """Convert CAMFILE (a CAM file of a known language) to a toolpath table, and say what was read.
+    """Convert CAMFILE (a CAM file of a known language) to a toolpath table, and report what was read.
 
     Example: compplan convert part.nc --out part.csv
     """
@@ -109,7 +109,7 @@ def _describe_facts(facts: CamFacts) -> list[str]:
     robot_option("Robot folder or name; [motion] of its controller.toml is executed."), out_table,
 )  # fmt: skip
 def run_execute(program: Path, robot_name: str, out: Path) -> CommandResult:
-    """Execute the instructions of PROGRAM as the controller does: blends, speed, drives that lag.
+    """Simulate how the controller executes PROGRAM: blends, speed, lag of the drives.
 
     Example: compplan execute program.csv --robot ur10 --out executed.csv
     """

@@ -57,8 +57,8 @@ FORMS = {
                  help="init robot: rated payload in kg; with --reach it gives springs by a rule (assumed)."),
     click.option("--reach", type=click.FloatRange(0.2, 10.0), help="init robot: reach in m."),
     click.option("--mass", type=click.FloatRange(1.0, 2e4),
-                 help="init robot: own weight in kg, to check the URDF's masses by."),
-    click.option("--short", is_flag=True, help="A job of the keys that one needs first, without the others."),
+                 help="init robot: own weight in kg, which checks the masses of the URDF."),
+    click.option("--short", is_flag=True, help="Write only the main keys of a job."),
     click.option("--out", type=INPUT, help="Folder of the robot, or file of the log or template."),
     click.option("--schema", is_flag=True, help="Print the JSON schema of a job, and write nothing."),
 )  # fmt: skip

@@ -21,9 +21,9 @@ if TYPE_CHECKING:
 @make_job_command(
     click.option("--samples", type=click.IntRange(2, 10_000_000), default=1000, show_default=True,
                  help="Number of samples."),
-    click.option("--seed", type=click.IntRange(0, 2**63 - 1), default=1, show_default=True, help="Seed of everything."),
+    click.option("--seed", type=click.IntRange(0, 2**63 - 1), default=1, show_default=True, help="Random seed."),
     out_folder,
-    click.option("--workers", type=click.IntRange(min=1), help="Processes on this machine; default: one a core."),
+    click.option("--workers", type=click.IntRange(min=1), help="Processes on this machine; default: one per core."),
     click.option("--scheduler", help="Address of a Dask scheduler (tcp://HOST:PORT) whose workers compute."),
     click.option("--strategies", help="Names of the strategies, with commas; default: all that the robot can carry out "
                  f"of {', '.join((*STRATEGIES, *ONLINE))}."),

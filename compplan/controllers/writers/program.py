@@ -152,7 +152,7 @@ class Program:
 
     @property
     def base_frame(self) -> Array:
-        """Pose of the part frame in the controller's reference frame (in the frame of the last carrier of the part).
+        """Pose of the part frame in the base frame; with a positioner, in that of the link that carries the part.
 
         Shape (4, 4) [m].
         """
@@ -191,7 +191,7 @@ class Program:
         return changed & ~self.rapid
 
     def alone(self, *, linear: bool) -> NDArray[np.bool_]:
-        """Return which moves are joint moves: rapid moves, and configuration changes among linear ones. Shape (n,)."""
+        """Return which moves are joint moves: rapid moves, and lines that change the configuration. Shape (n,)."""
         return self.rapid | self.swings if linear else self.rapid
 
     def stops(self, *, linear: bool) -> NDArray[np.bool_]:

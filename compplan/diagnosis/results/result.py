@@ -63,8 +63,8 @@ class Diagnosis(Shown):
         residual_after: Measured minus expected by the updated robot, base axes, all rows. Shape (n, 3). [m]
         registration: Frames fitted with the updated robot, or None.
         outliers: Rows reported as outliers.
-        delivery: The robot folder that is written, to which every figure belongs.
-        equations: Normal equations of its posterior, gear waves included.
+        delivery: The delivered robot model; every figure is computed with it.
+        equations: Normal equations of the delivered model's posterior, gear waves included.
         sizes: Covariance of the parameters of the named effects, given that these are present.
         noise: Sources of the noise floor.
     """
@@ -94,7 +94,7 @@ class Diagnosis(Shown):
 
     @property
     def points(self) -> Array:
-        """Measured points in the robot's base frame, as expected where no position was measured. Shape (n, 3). [m]"""
+        """Measured points, base frame; in rows without a position the predicted point. Shape (n, 3). [m]"""
         campaign, frames = self.fit.problem.campaign, self.registration
         place = campaign.position
         if frames is not None:
@@ -139,7 +139,7 @@ class Diagnosis(Shown):
         return {**columns, "outlier": np.isin(np.arange(len(campaign)), self.outliers)}
 
     def curves(self) -> Curves:
-        """Return the distance between measured and expected, row by row, before and after. [mm]."""
+        """Return the distance between measured and predicted point in every row, before and after the update. [mm]"""
         rows = np.arange(1.0, len(self.residual_before) + 1.0)
         before, after = (np.linalg.norm(r, axis=1) * 1e3 for r in (self.residual_before, self.residual_after))
         lines = (Curve("before", rows, before, "before"), Curve("after", rows, after, "after"))

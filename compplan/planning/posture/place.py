@@ -76,7 +76,7 @@ def place_part(
 ) -> PlaceResult:  # fmt: skip
     """Search the best place of the part within the table [place] of a job.
 
-    `announce` receives progress messages; `errors` are the parameter errors for the preset "error_band".
+    `announce` receives progress messages; `errors`: uncertainty of the robot's parameters, for the preset "error_band".
 
     Raises:
         InputError: If the table [place] has too many places.

@@ -88,10 +88,10 @@ class IsfRegressionProcess(PathForceTable):
         read, other = (float(steady_axial_force(*sheet, np.array(size), np.array(wall))) for size in (height, step))
         aside, strip = read * radial_ratio(height, self.tool_diameter_mm, wall), read * np.tan(0.5 * wall)
         notes = [
-            f"Forming force by the regression of Aerens and others (2010): {read:.0f} N along the tool at scallops of "
-            f"{height:.2g} mm (step-down {step:.3g} mm) and a wall of {typical:.3g} deg; were its height the "
-            f"step-down, {other:.0f} N. +- {100 * self.uncertainty:g} %, the radial part of {aside:.0f} N (a sheet of "
-            f"even tension: {strip:.0f} N), friction {FRICTION:g} and build-up over the first contours are assumed."
+            f"Forming force by the regression of Aerens and others (2010): {read:.0f} N along the tool for scallops of "
+            f"{height:.2g} mm (step-down {step:.3g} mm) and a wall of {typical:.3g} deg; {other:.0f} N if its scallop "
+            f"height means the step-down. Assumed: +- {100 * self.uncertainty:g} %, a radial part of {aside:.0f} N "
+            f"({strip:.0f} N for even tension), friction {FRICTION:g}, build-up over the first contours."
         ]
         if outside:
             notes.append(f"Outside the range of the regression: {', '.join(outside)}.")
