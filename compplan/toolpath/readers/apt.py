@@ -9,7 +9,7 @@ from pathlib import Path
 
 from compplan.errors import InputError
 from compplan.toolpath.readers.apt_words import NUMBER, AptCycle, find_numbers, read_cycle, read_numbers, split_records
-from compplan.toolpath.readers.arcs import Point, arc_about, combine, cross, dot
+from compplan.toolpath.readers.arcs import MOST_TURNS, Point, arc_about, combine, cross, dot
 from compplan.toolpath.readers.cnc.state import INCH, STARTING, STOPPING, Machine, State
 from compplan.toolpath.readers.lines import DECIMAL, count_lines
 from compplan.toolpath.readers.moves import CamFile, MoveLog
@@ -39,8 +39,6 @@ FEED_OUT = ("BORE", "TAP", "REAM", "THREAD")
 CLOCKWISE, ANTICLOCKWISE = {"CLW", "CLOCKWISE", "CW"}, {"CCLW", "CCW", "ANTICLOCKWISE", "COUNTERCLOCKWISE"}
 #: Least number of arcs tangent in reverse before the assumed sense of rotation is reversed.
 MIN_TANGENT_ARCS = 3
-#: Greatest number of turns of one arc.
-MOST_TURNS = 10_000
 
 
 def recognise(text: str) -> bool:

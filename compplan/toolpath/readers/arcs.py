@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,6 +21,8 @@ MISMATCH_SHARE = 2e-3
 MOST_MISMATCH_MM = 0.5
 #: Greatest plausible coordinate (100 km) and radius of an arc (1 km). [mm]
 FARTHEST, LARGEST_RADIUS = 1e8, 1e6
+#: Greatest number of turns of one arc or helix of a CNC program.
+MOST_TURNS = 10_000
 #: Greatest angle of a circle: 100 turns. [rad]
 MOST_ANGLE = 200.0 * math.pi
 #: Angles [rad] and lengths [mm] below this count as zero.
@@ -97,11 +100,10 @@ def normalise(vector: Point) -> Point:
     return vector[0] / size, vector[1] / size, vector[2] / size
 
 
-def set_level(point: Point, axis: int, level: float) -> Point:
-    """Return a point with the coordinate of one axis replaced."""
-    moved = list(point)
-    moved[axis] = level
-    return moved[0], moved[1], moved[2]
+def set_levels(point: Point, levels: Mapping[int, float]) -> Point:
+    """Return a point with the coordinates of some axes replaced, by the number of the axis."""
+    x, y, z = (levels.get(axis, level) for axis, level in enumerate(point))
+    return x, y, z
 
 
 def allow_mismatch(radius: float) -> float:

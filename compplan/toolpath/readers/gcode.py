@@ -12,16 +12,16 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from compplan.errors import InputError
-from compplan.toolpath.readers.arcs import OffCircleError, Point
-from compplan.toolpath.readers.cnc.course import UP
+from compplan.toolpath.readers.arcs import MOST_TURNS, OffCircleError, Point
 from compplan.toolpath.readers.cnc.cycles import begin_cycle, run_cycle
 from compplan.toolpath.readers.cnc.flow import END, CncProgram, Flow
 from compplan.toolpath.readers.cnc.interpreter import COMMON, MOTIONS, Code, Interpreter, ignore, note, refuse, set_mode
-from compplan.toolpath.readers.cnc.motion import CENTRES, CORNERS, MOST_TURNS, PLAIN, STRAIGHT
+from compplan.toolpath.readers.cnc.motion import CENTRES, CORNERS, PLAIN, STRAIGHT
 from compplan.toolpath.readers.cnc.origins import Origins
 from compplan.toolpath.readers.cnc.rs274_lexer import LENGTHS, WITH_COORDINATES, Lexer, owns_words
 from compplan.toolpath.readers.cnc.rs274_macro import Macros
 from compplan.toolpath.readers.cnc.state import INCH, CncBlock, State
+from compplan.toolpath.readers.frames import UP
 from compplan.toolpath.readers.lines import split_lines
 from compplan.toolpath.readers.moves import CamFile
 from compplan.toolpath.readers.options import CamTable, refuse_unit
@@ -61,8 +61,6 @@ LENGTH_NOTE = "tool length compensation (G43) is not applied: the path is that o
 HOMING_NOTE = "moves of a printer after homing are travel until X Y Z are known: the path begins where they are"
 #: Block of X Y Z F only, with the extruder of a printer.
 PRINTED = re.compile(PLAIN.pattern + r"(E[-+]?[\d.]+[ \t]*)?")
-#: Codes that are executed before all others of their block, in this order.
-FIRST = (20.0, 21.0, 70.0, 71.0, 90.0, 91.0, 17.0, 18.0, 19.0, 93.0, 94.0, 95.0, 80.0, 98.0, 99.0)
 #: Work offsets of Haas: G110 is G154 P1.
 HAAS_OFFSETS = (110.0, 111.0, *(float(number) for number in range(114, 130)))
 ENDS = frozenset({2.0, 17.0, 30.0, 99.0})
@@ -107,7 +105,7 @@ def read(text: str, file: Path, options: CamTable) -> CamFile:
 class Rs274:
     """Dialect of the RS-274 family: executes the lines and blocks of a program."""
 
-    tip_word = ""
+    tip_word, turns_to_plane = "", True
     frames: tuple[str, ...] = ("plane", "rotation", "scale", "mirror", "origin")
     ends, moving = ENDS, MOVING
     silent = frozenset({6.0, 48.0, 49.0, 61.0, 97.0, 98.0, 128.0, 129.0})
@@ -127,13 +125,10 @@ class Rs274:
         """Return the tool axis with all rotary axes at 0."""
         return UP
 
-    def turn_in_plane(self, block: CncBlock) -> tuple[bool, Point | None]:
+    def turn_to_plane(self) -> Point | None:
         """Orient the tool normal to the tilted plane by rotary words; the position of its tip is then unknown."""
-        if not self.it.tilted:
-            return False, None
-        self.it.state.turn(self.it.rotary.angles, block)
         self.origins.turn_to_plane(53.1, stays=False)
-        return True, self.origins.plane_axis
+        return self.origins.plane_axis
 
     def run_line(self, program: CncProgram, index: int) -> int:
         """Execute a line; return the index of the next one, or END."""
@@ -353,7 +348,6 @@ G_CODES: dict[float | str, Code] = {
     # refused
     **{code: refuse(what) for what, codes in REFUSED.items() for code in codes},
 }  # fmt: skip
-G_CODES |= {code: Code(G_CODES[code].run, rank - len(FIRST)) for rank, code in enumerate(FIRST)}
 
 
 def find_code(code: float | str) -> Code | None:

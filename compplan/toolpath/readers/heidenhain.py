@@ -77,7 +77,7 @@ def read(text: str, file: Path, options: CamTable) -> CamFile:
 class Klartext:
     """Dialect of Heidenhain Klartext: executes the blocks of a program."""
 
-    tip_word = "M128"
+    tip_word, turns_to_plane = "M128", False
     frames: tuple[str, ...] = ("unit", "datum", "plane", "shift", "mirror", "rotation", "scale")
     ends, moving = frozenset({2.0, 30.0}), STRAIGHT
     silent = SILENT
@@ -116,13 +116,6 @@ class Klartext:
         if not self.it.rotary.spatial:
             return normal
         return find_spatial(*(angles.get(letter, 0.0) for letter in LETTERS)).turn(normal)
-
-    def turn_in_plane(self, block: CncBlock) -> tuple[bool, Point | None]:
-        """Ignore rotary words that position the rotary axes for a tilted plane; its tool axis is kept."""
-        if not self.it.tilted or (self.it.state.tip_control and "TILT" not in block.names):
-            return False, None
-        self.it.note("A B C in a tilted plane position the rotary axes as the plane asks: its axis is taken")
-        return True, None
 
     def run_line(self, program: CncProgram, index: int) -> int:
         """Execute a block; return the index of the next one, or END."""
@@ -228,7 +221,7 @@ class Klartext:
 
     def _set_unit(self, scale: float) -> None:
         self.words.unit = scale
-        self.it.set_frames(unit=stretch(scale, scale, scale) if scale != 1.0 else None)
+        self.it.set_frames(unit=stretch((scale, scale, scale)) if scale != 1.0 else None)
         self.words.set_feed_scale()
 
     def _assign(self, text: str) -> None:
@@ -348,17 +341,12 @@ class Klartext:
 
     def set_pole(self, rest: str) -> None:
         """CC: set the pole, or the centre of arcs."""
-        block, state, start = self.words.read(rest), self.it.state, self.it.contour.position
+        block, state = self.words.read(rest), self.it.state
         named = block.list_axes()
         if named and len(named) != 2:
             raise InputError(f"CC names {len(named)} axes, expected 2 (or none: where the tool is)")
         plane = next(plane for plane, axes in PLANE_AXES.items() if set(axes) == set(named)) if named else state.plane
-        place = [0.0, 0.0, 0.0]
-        for axis in PLANE_AXES[plane]:
-            letter = AXES[axis]
-            base = start[axis] if not named or letter in block.relative else 0.0
-            place[axis] = base + block.values.get(letter, 0.0)
-        state.pole, state.pole_plane = (place[0], place[1], place[2]), plane
+        state.pole, state.pole_plane = state.place(block, self.it.contour.position)[0], plane
         with self.words.functions(block):
             pass
 

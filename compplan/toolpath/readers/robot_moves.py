@@ -20,14 +20,12 @@ from compplan.toolpath.readers.arcs import Point, find_arc, sample_arc
 from compplan.toolpath.readers.cnc.flow import Flow
 from compplan.toolpath.readers.lines import DECIMAL
 from compplan.toolpath.readers.moves import MoveLog
-from compplan.toolpath.readers.options import CHORD_MM, CamTable, find_start
+from compplan.toolpath.readers.options import CHORD_MM, TURN_STEP, CamTable, find_start
 
 #: Number in a robot program, in capitals.
 NUMBER = rf"{DECIMAL}(?:E[-+]?\d+)?"
 #: Greatest depth of nested calls.
 DEEPEST = 20
-#: Greatest turn of the tool between waypoints. [deg]
-TURN_STEP = 1.0
 #: Least change of the tool axis. [rad]
 STEADY = 1e-6
 #: Points on each span of a spline.

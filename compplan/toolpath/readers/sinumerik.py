@@ -84,7 +84,7 @@ def read(text: str, file: Path, options: CamTable) -> CamFile:
 class Sinumerik:
     """Dialect of Sinumerik controls: executes the lines and blocks of a program."""
 
-    tip_word = "TRAORI"
+    tip_word, turns_to_plane = "TRAORI", False
     frames: tuple[str, ...] = ("shift", "plane", "program", "origin")
     ends, moving = frozenset({2.0, 17.0, 30.0}), MOVING
     silent = frozenset(map(float, (6, 40, 41, 42, 43, 44, 45, 70, 19, 10, 11, 21, 22)))
@@ -110,13 +110,6 @@ class Sinumerik:
     def point_square(self, plane: int) -> Point:
         """Return the tool axis of G17 to G19 in the active swivelled plane."""
         return self.it.frames.get("plane", Frame()).turn(PLANE_NORMALS[plane])
-
-    def turn_in_plane(self, block: CncBlock) -> tuple[bool, Point | None]:
-        """Ignore rotary words that position the rotary axes for a swivelled plane; its tool axis is kept."""
-        if not self.it.tilted or self.it.state.tip_control:
-            return False, None
-        self.it.note("A B C in a swivelled plane position the rotary axes as the plane asks: its axis is taken")
-        return True, None
 
     def check_unit(self, lengths: Iterable[float | None]) -> None:
         """Refuse non-zero lengths if neither the program so far nor the options state their unit."""
@@ -268,13 +261,10 @@ class Sinumerik:
         state = self.it.state
         last = state.pole or (0.0, 0.0, 0.0)
         base = {110.0: self.it.contour.position, 111.0: (0.0, 0.0, 0.0), 112.0: last}[code]
-        point = list(base)
-        for axis in block.list_axes():
-            number = block.values[AXES[axis]] * state.scale
-            point[axis] = number if AXES[axis] in block.absolute else base[axis] + number
         if block.has(POLAR):
             raise InputError("a pole in polar coordinates is not read")
-        state.pole = point[0], point[1], point[2]
+        block.relative.update({*AXES} - block.absolute)
+        state.pole = state.place(block, base)[0]
 
 
 UNREAD = refuse("it changes the path or its frame")

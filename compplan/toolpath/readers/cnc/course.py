@@ -12,15 +12,12 @@ from typing import Any
 
 from compplan.errors import InputError
 from compplan.toolpath.readers.arcs import Point, arc_about, combine, cross, dot, normalise
-from compplan.toolpath.readers.frames import ORIGIN, UNIT, Frame
+from compplan.toolpath.readers.frames import ORIGIN, UNIT, UP, Frame
 from compplan.toolpath.readers.moves import MoveLog
-from compplan.toolpath.readers.options import CHORD_MM, CamTable, find_start
+from compplan.toolpath.readers.options import CHORD_MM, TURN_STEP, CamTable, find_start
 
-#: Greatest turn of the tool between waypoints. [deg]
-TURN_STEP = 1.0
 #: Least change of the tool axis. [rad]
 STEADY = 1e-9
-UP: Point = (0.0, 0.0, 1.0)
 
 
 class Course:

@@ -7,7 +7,7 @@ import math
 from collections.abc import Mapping
 
 from compplan.errors import InputError
-from compplan.toolpath.readers.arcs import Point, set_level
+from compplan.toolpath.readers.arcs import Point, set_levels
 from compplan.toolpath.readers.cnc.contour import Element
 from compplan.toolpath.readers.cnc.heidenhain_words import KlartextWords
 from compplan.toolpath.readers.cnc.interpreter import Interpreter
@@ -63,7 +63,7 @@ def run_approach(it: Interpreter, words: KlartextWords, rest: str, *, leaves: bo
         return complex(point[one], point[other])
 
     def lift(place: complex, level: Point) -> Point:
-        return set_level(set_level(level, one, place.real), other, place.imag)
+        return set_levels(level, {one: place.real, other: place.imag})
 
     def go(start: Point, end: Point, feed: float | None = feed, centre: complex | None = None, hand: bool = True,
            ) -> Element:  # fmt: skip
@@ -97,5 +97,5 @@ def run_approach(it: Interpreter, words: KlartextWords, rest: str, *, leaves: bo
             it.contour.add(go(lift(place, start), lift(end, start)))
         if abs(height) > 1e-9:
             low = it.contour.position
-            it.contour.add(Element(low, set_level(low, axis, first[axis]), (), feed, line))
+            it.contour.add(Element(low, set_levels(low, {axis: first[axis]}), (), feed, line))
         words.side, it.state.motion = "", 1.0

@@ -8,12 +8,21 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 from compplan.errors import InputError
-from compplan.toolpath.readers.arcs import Point, cross, set_level
+from compplan.toolpath.readers.arcs import Point, cross, set_levels
 from compplan.toolpath.readers.cnc.cycles import SKIPPED, Hole, drill, go_to_level, list_circle, list_grid
 from compplan.toolpath.readers.cnc.heidenhain_words import ASSIGN, CYCLE, NUMBER, TILT_ANGLES, VALUE, KlartextWords
 from compplan.toolpath.readers.cnc.interpreter import Interpreter
 from compplan.toolpath.readers.cnc.state import AXES
-from compplan.toolpath.readers.frames import PLANE_AXES, PLANE_NORMALS, Frame, frame_from_normal, rotate, shift, stretch
+from compplan.toolpath.readers.frames import (
+    ORIGIN,
+    PLANE_AXES,
+    PLANE_NORMALS,
+    Frame,
+    frame_from_normal,
+    mirror,
+    rotate,
+    stretch,
+)
 from compplan.toolpath.readers.lines import match_form
 
 #: Drilling cycles, and whether the tool retracts at the feed; old cycles, and the number of the part with their feed.
@@ -134,7 +143,7 @@ class HeidenhainCycles:
         if self.cycle is None or self.cycle.number in OLD:
             raise InputError(f"{what} needs a cycle from 200 before it")
         height = self.it.course.position[self.words.tool_axis]
-        self.it.course.rapid(set_level(place, self.words.tool_axis, height), PLANE_AXES[self.it.state.plane])
+        self.it.course.rapid(set_levels(place, {self.words.tool_axis: height}), PLANE_AXES[self.it.state.plane])
         self._drill(Cycle(self.cycle.number, {**self.cycle.values, **changes}))
 
     def _drill(self, cycle: Cycle) -> None:
@@ -192,10 +201,10 @@ class HeidenhainCycles:
         if reach <= 0.0 or pitch <= 0.0:
             raise InputError("cycle 208 needs a bore Q335 wider than the tool and an infeed Q334")
         middle, one = course.position, PLANE_AXES[plane][0]
-        end = set_level(middle, self.words.tool_axis, bottom)
-        course.line(set_level(middle, one, middle[one] + reach), (), feed)
+        end = set_levels(middle, {self.words.tool_axis: bottom})
+        course.line(set_levels(middle, {one: middle[one] + reach}), (), feed)
         for turns in (max(1, math.ceil((first - bottom) / pitch - 1e-9)), 1):
-            low = set_level(end, one, middle[one] + reach)
+            low = set_levels(end, {one: middle[one] + reach})
             course.arc(low, (), feed, middle, PLANE_NORMALS[plane], True, turns)
         course.line(end, (), feed)
 
@@ -216,7 +225,7 @@ class HeidenhainCycles:
             places = list_grid((get("Q225"), get("Q226")), n.get("Q224", 0.0), steps, counts)
         first, second = PLANE_AXES[self.it.state.plane]
         for u, v, _ in places:
-            place = set_level(set_level((0.0, 0.0, 0.0), first, u), second, v)
+            place = set_levels(ORIGIN, {first: u, second: v})
             self._drill_over(place, kept, f"cycle {pattern.number}")
         top = n.get("Q203", 0.0) + n.get("Q204", 0.0)
         if top > course.position[axis]:
@@ -235,13 +244,13 @@ class HeidenhainCycles:
         if not found or re.sub(r"[ABCUVW]\s*[-+]?0*\.?0*(?=\s|$)", "", AXIS_VALUE.sub("", rest)).strip():
             raise InputError(f"datum shift {rest[:30]!r} is not read, expected X Y Z with numbers")
         name = "shift" if self.it.tilted else "datum"
-        new = list(self.it.frames.get(name, Frame()).origin)
+        new = self.it.frames.get(name, Frame()).origin
         for step, letter, text in found:
             axis = AXES.index(letter)
-            new[axis] = self.value(text) + (new[axis] if step else 0.0)
+            new = set_levels(new, {axis: self.value(text) + (new[axis] if step else 0.0)})
         if any(new):
             self._refuse_within("a datum shift", "mirror", "rotation")
-        self.it.set_frames(**{name: shift(new[0], new[1], new[2]) if any(new) else None})
+        self.it.set_frames(**{name: Frame(origin=new) if any(new) else None})
 
     def run_trans(self, rest: str) -> None:
         """TRANS DATUM: datum shift as in cycle 7."""
@@ -269,8 +278,7 @@ class HeidenhainCycles:
             raise InputError(f"mirror {rest[:20]!r} is not read, expected X, Y, Z")
         if letters:
             self._refuse_within("a mirror", "rotation")
-        x, y, z = (-1.0 if letter in letters else 1.0 for letter in AXES)
-        self.it.set_frames(mirror=stretch(x, y, z) if letters else None)
+        self.it.set_frames(mirror=mirror(map(AXES.index, letters)) if letters else None)
 
     def _rotate(self, rest: str) -> None:
         """Execute cycle 10 (rotation)."""
@@ -290,7 +298,7 @@ class HeidenhainCycles:
         scale = self.value(match_form(rf"SCL\s*({VALUE})", rest, "scale: SCL and a factor").group(1))
         if not 1e-6 <= scale <= 100.0:
             raise InputError(f"scale {rest[:20]!r} is not read, expected 0.000001 to 100")
-        self.it.set_frames(scale=stretch(scale, scale, scale) if scale != 1.0 else None)
+        self.it.set_frames(scale=stretch((scale, scale, scale)) if scale != 1.0 else None)
 
     def _tilt(self, rest: str) -> None:
         """Execute cycle 19 (working plane) with spatial angles; refuse it unless `tilt_angles` confirms them."""

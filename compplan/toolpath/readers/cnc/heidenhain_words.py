@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 
 from compplan.errors import InputError
-from compplan.toolpath.readers.arcs import set_level
+from compplan.toolpath.readers.arcs import set_levels
 from compplan.toolpath.readers.cnc.expressions import FUNCTIONS, Grammar, evaluate
 from compplan.toolpath.readers.cnc.interpreter import Interpreter
 from compplan.toolpath.readers.cnc.motion import POLAR
@@ -200,7 +200,7 @@ class KlartextWords:
             course.mark_unknown((axis,))
             return
         self.it.contour.refuse_open()
-        target = set_level(course.position, axis, course.position[axis] + self.value(way.group(1)))
+        target = set_levels(course.position, {axis: course.position[axis] + self.value(way.group(1))})
         feed = re.search(r"F\s*([\d.]+)", words)
         if feed:
             course.line(target, (), self.to_mm_s(float(feed.group(1))))

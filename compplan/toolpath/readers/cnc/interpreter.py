@@ -2,10 +2,10 @@
 
 A dialect consists of a lexer that yields blocks of words, and a table of operations (`Code`) by word. It holds an
 interpreter, which alone computes the path. Its methods: `run_line(program, index)` executes a line and returns the
-index of the next one or END; `square()` returns the tool axis with all rotary axes at 0; `turn_in_plane(block)` returns
-whether rotary words belong to a tilted plane, and the tool axis then. Its attributes: `frames`, names of its frames
-from the outermost ("plane": the tilted plane); `moving`, addresses of a move; `silent` and `ends`, M codes; `tip_word`,
-word of tool centre point control if cuts with moving rotary axes require it, otherwise "".
+index of the next one or END; `square()` returns the tool axis with all rotary axes at 0. Its attributes: `frames`,
+names of its frames from the outermost ("plane": the tilted plane); `moving`, addresses of a move; `silent` and `ends`,
+M codes; `tip_word`, word of tool centre point control if cuts with moving rotary axes require it, otherwise "";
+`turns_to_plane`, whether rotary words in a tilted plane turn the tool to it (`turn_to_plane()`) or are ignored.
 """
 
 from __future__ import annotations
@@ -145,6 +145,11 @@ class Interpreter:
         """Whether a tilted plane is active."""
         return "plane" in self.frames
 
+    @property
+    def controls_tip(self) -> bool:
+        """Whether X Y Z are the tip in the part while rotary axes turn."""
+        return self.state.tip_control or self.options.axes.tip_control
+
     def find_frame(self) -> Frame:
         """Return the frame of the program coordinates in the part, without rotary axes."""
         whole = Frame()
@@ -165,8 +170,8 @@ class Interpreter:
 
         Moves with rotary axes away from 0 are left out if `rotary` is not stated.
         """
-        frame, tip = self.find_frame(), self.state.tip_control or self.options.axes.tip_control
-        if not (self.tilted or tip) and self.rotary.turned:
+        frame = self.find_frame()
+        if not (self.tilted or self.controls_tip) and self.rotary.turned:
             frame = self.rotary.place().then(frame)
         if carried:
             self.course.move_frame(frame)
@@ -192,7 +197,7 @@ class Interpreter:
 
     def leave_out_machine_move(self, block: CncBlock, words: str) -> None:
         """Leave out a move in machine coordinates; the position at its end is unknown."""
-        axes = [axis for axis, letter in enumerate(AXES) if letter in block.values]
+        axes = block.list_axes()
         self.contour.refuse_open()
         if axes:
             self.note(f"moves in machine coordinates ({words}) are left out")

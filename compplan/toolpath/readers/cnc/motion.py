@@ -9,6 +9,7 @@ from typing import Any
 
 from compplan.errors import InputError
 from compplan.toolpath.readers.arcs import (
+    MOST_TURNS,
     Point,
     arc_about,
     centre_from_radius,
@@ -16,7 +17,7 @@ from compplan.toolpath.readers.arcs import (
     dot,
     find_arc,
     normalise,
-    set_level,
+    set_levels,
 )
 from compplan.toolpath.readers.cnc.contour import Contour, Corner, Element, find_tangent_arc
 from compplan.toolpath.readers.cnc.course import Course
@@ -24,7 +25,7 @@ from compplan.toolpath.readers.cnc.rotary import Rotary
 from compplan.toolpath.readers.cnc.state import AXES, LETTERS, CncBlock, State
 from compplan.toolpath.readers.frames import DEEP_AXIS, PLANE_AXES, PLANE_NORMALS, rotate, turn_about
 from compplan.toolpath.readers.lines import DECIMAL
-from compplan.toolpath.readers.options import CHORD_MM
+from compplan.toolpath.readers.options import CHORD_MM, TURN_STEP
 
 NUMBER = rf"({DECIMAL})"
 #: Block of a plain straight cut with X Y Z F only, an optional block number and G1: G1 X1.5 Y-2. Z.3 F1000.
@@ -32,12 +33,8 @@ PLAIN = re.compile(
     rf"[ \t]*(?:N\d+[ \t]*)?(?:G0?1[ \t]*)?(?:X{NUMBER}[ \t]*)?(?:Y{NUMBER}[ \t]*)?(?:Z{NUMBER}[ \t]*)?"
     rf"(?:F{NUMBER}[ \t]*)?"
 )
-#: Greatest turn of the rotary axes between waypoints. [deg]
-TURN_STEP = 1.0
 #: Greatest rotation of the rotary axes in one block: 100 turns (assumed). [deg]
 MOST_TURN = 36_000.0
-#: Greatest number of turns of one helix.
-MOST_TURNS = 10_000
 MIDDLES, DIRECTIONS = ("I1", "J1", "K1"), ("A3", "B3", "C3")
 TURNING = frozenset((*LETTERS, *DIRECTIONS))
 STRAIGHT = frozenset((*AXES, *TURNING))
@@ -53,6 +50,7 @@ class MotionReader:
     """Execute the motion of blocks."""
 
     def __init__(self, it: Any) -> None:
+        self.it = it
         self.course: Course = it.course
         self.contour: Contour = it.contour
         self.rotary: Rotary = it.rotary
@@ -110,15 +108,7 @@ class MotionReader:
     def target(self, block: CncBlock) -> tuple[Point, tuple[int, ...]]:
         """Return the end point of a block, and the axes of its absolute coordinates."""
         state, values = self.state, block.values
-        point, named = list(self.contour.position), []
-        for axis, letter in enumerate(AXES):
-            if letter in values:
-                number = values[letter] * state.scale
-                if state.is_incremental(block, letter):
-                    point[axis] += number
-                else:
-                    point[axis] = number
-                    named.append(axis)
+        point, named = state.place(block, self.contour.position)
         if block.has(POLAR):
             plane, pole = state.pole_plane or state.plane, state.pole or (0.0, 0.0, 0.0)
             first, second = PLANE_AXES[plane]
@@ -135,10 +125,9 @@ class MotionReader:
                     base = now[address] if state.is_incremental(block, address) else 0.0
                     state.polar_words[address] = values[address] + base
             radius, angle = state.polar_words["RP"] * state.scale, math.radians(state.polar_words["AP"])
-            point[first] = pole[first] + radius * math.cos(angle)
-            point[second] = pole[second] + radius * math.sin(angle)
-            named += [first, second]
-        return (point[0], point[1], point[2]), tuple(named)
+            ends = {first: pole[first] + radius * math.cos(angle), second: pole[second] + radius * math.sin(angle)}
+            point, named = set_levels(point, ends), [*named, first, second]
+        return point, tuple(named)
 
     def move(self, block: CncBlock, corner: Corner | None = None) -> None:
         """Execute the motion of a block; `corner` is the corner at its end if another block states it."""
@@ -194,9 +183,12 @@ class MotionReader:
             return normalise(self.course.frame.turn((vector[0], vector[1], vector[2]))), False
         if rotary.ignored:
             return None, False
-        taken, axis = self.dialect.turn_in_plane(block)
-        if taken:
-            return axis, False
+        if self.it.tilted and (self.dialect.turns_to_plane or not state.tip_control or "TILT" in block.names):
+            if self.dialect.turns_to_plane:
+                state.turn(rotary.angles, block)
+                return self.dialect.turn_to_plane(), False
+            self.course.note("A B C in a tilted plane position the rotary axes as the plane asks: its axis is taken")
+            return None, False
         turned = rotary.turned
         state.turn(rotary.angles, block)
         if rotary.spatial:
@@ -206,7 +198,7 @@ class MotionReader:
             return self.dialect.square(), False
         if rotary.unknown:
             return None, False
-        if not (rapid or state.tip_control or self.options.axes.tip_control or not self.dialect.tip_word):
+        if not (rapid or self.it.controls_tip or not self.dialect.tip_word):
             raise InputError(
                 f"a cut on which rotary axes turn is read with control of the tip ({self.dialect.tip_word})"
             )
@@ -215,7 +207,7 @@ class MotionReader:
     def _cut_turning(self, element: Element, before: dict[str, float], after: dict[str, float]) -> None:
         """Cut to a point with uniform motion of the rotary axes, in pieces that count as one move."""
         course, rotary, log = self.course, self.rotary, self.course.log
-        tip = self.state.tip_control or self.options.axes.tip_control
+        tip = self.it.controls_tip
         start, target, feed = element.start, element.end, element.feed
         pieces = self._count_pieces(target, before, after, tip=tip)
         travel = math.dist(target, start)
@@ -271,12 +263,7 @@ class MotionReader:
         if state.motion == "CIP":
             if block.values.keys().isdisjoint(MIDDLES):
                 raise InputError("CIP has no point on its way, expected I1= J1= K1=")
-            middle = list(start)
-            for axis, letter in enumerate(MIDDLES):
-                if letter in values:
-                    base = start[axis] if state.is_incremental(block, letter) else 0.0
-                    middle[axis] = values[letter] * state.scale + base
-            arc = find_arc(start, (middle[0], middle[1], middle[2]), target)
+            arc = find_arc(start, state.place(block, start, MIDDLES)[0], target)
             centre, normal, right_hand = arc.centre, arc.normal, arc.sweep > 0.0
         elif state.motion == "CT":
             if abs(dot(combine(1.0, target, -1.0, start), normal)) > 1e-9:
@@ -297,9 +284,9 @@ class MotionReader:
             if block.has(CENTRES):
                 centre = state.centre(start, block, plane)
                 end = turn_about(centre, rotate(deep, opening if right_hand else -opening)).apply(start)
-                target = set_level(end, deep, target[deep])
+                target = set_levels(end, {deep: target[deep]})
             else:
-                chord = math.dist(start, set_level(target, deep, start[deep]))
+                chord = math.dist(start, set_levels(target, {deep: start[deep]}))
                 radius = math.copysign(0.5 * chord / math.sin(math.radians(0.5 * opening)), 180.0 - opening)
                 centre = centre_from_radius(start, target, normal, radius, right_hand=right_hand)
         elif any("IJK"[axis] in values for axis in PLANE_AXES[plane]):
@@ -311,8 +298,7 @@ class MotionReader:
                 ends = [place[axis] for place in (start, target) for axis in PLANE_AXES[plane]]
                 self.proofs.add((*(round(number, 3) for number in ends), *offsets))
         elif about_pole and state.pole is not None:
-            first, second = PLANE_AXES[plane]
-            centre = set_level(set_level(start, first, state.pole[first]), second, state.pole[second])
+            centre = set_levels(start, {axis: state.pole[axis] for axis in PLANE_AXES[plane]})
         else:
             names = " ".join("IJK"[axis] for axis in sorted(PLANE_AXES[plane]))
             raise InputError(f"arc has neither a centre ({names}) nor a radius (R)")

@@ -6,10 +6,9 @@ from collections.abc import Mapping
 
 from compplan.errors import InputError
 from compplan.toolpath.readers.arcs import Point, combine
-from compplan.toolpath.readers.frames import Frame, rotate, turn_about
+from compplan.toolpath.readers.frames import UP, Frame, rotate, turn_about
 from compplan.toolpath.readers.options import CamTable
 
-UP: Point = (0.0, 0.0, 1.0)
 #: Tilting axes; their order must be stated if both are used. Otherwise a table C is on the tilt, a head tilt on C.
 TILTS = frozenset("AB")
 #: Letters of axes, the carrying axis first, and their senses: 1 is a right-hand rotation.

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
 from compplan.io.notes import Stop
-from compplan.toolpath.readers.arcs import Point, set_level
+from compplan.toolpath.readers.arcs import Point, set_levels
 from compplan.toolpath.readers.frames import PLANE_AXES
 from compplan.toolpath.readers.moves import MoveLog
 
@@ -117,6 +117,21 @@ class State:
         """Return whether a number of a block is incremental."""
         return address in block.relative or (self.incremental and address not in block.absolute)
 
+    def lengths(self, block: CncBlock, letters: Sequence[str] = AXES) -> dict[int, float]:
+        """Return the numbers of the coordinates in a block by axis [mm]."""
+        stated = ((axis, letter) for axis, letter in enumerate(letters) if letter in block.values)
+        return {axis: block.values[letter] * self.scale for axis, letter in stated}
+
+    def place(self, block: CncBlock, base: Point, letters: Sequence[str] = AXES) -> tuple[Point, list[int]]:
+        """Return the point of the coordinates in a block, and the axes of its absolute coordinates.
+
+        Incremental coordinates are relative to `base`; those that are not stated are kept from it. [mm]
+        """
+        stated = self.lengths(block, letters)
+        absolute = [axis for axis in stated if not self.is_incremental(block, letters[axis])]
+        levels = {axis: level + (0.0 if axis in absolute else base[axis]) for axis, level in stated.items()}
+        return set_levels(base, levels), absolute
+
     def turn(self, angles: dict[str, float], block: CncBlock) -> None:
         """Update the angles of rotary axes with those of a block."""
         for letter in LETTERS:
@@ -126,15 +141,12 @@ class State:
 
     def centre(self, start: Point, block: CncBlock, plane: int) -> Point:
         """Return the centre of an arc from I J K with their meaning in this program."""
-        centre, values = start, block.values
-        for axis in PLANE_AXES[plane]:
-            letter = "IJK"[axis]
-            if letter in values:
-                number = values[letter] * self.scale
-                if self.centres != "absolute" and letter not in block.absolute:
-                    number = start[axis] + (-number if self.centres == "reversed" else number)
-                centre = set_level(centre, axis, number)
-        return centre
+        sense = -1.0 if self.centres == "reversed" else 1.0
+        centre = {axis: level for axis, level in self.lengths(block, "IJK").items() if axis in PLANE_AXES[plane]}
+        for axis, level in centre.items():
+            if self.centres != "absolute" and "IJK"[axis] not in block.absolute:
+                centre[axis] = start[axis] + sense * level
+        return set_levels(start, centre)
 
 
 class Machine:
