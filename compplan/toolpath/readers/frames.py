@@ -77,11 +77,6 @@ class Frame:
         """Whether the frame is left-handed."""
         return dot(cross(self.rows[0], self.rows[1]), self.rows[2]) < 0.0
 
-    @property
-    def scale(self) -> float:
-        """Length in the part of a unit of the frame."""
-        return math.sqrt(dot(self.rows[0], self.rows[0]))
-
 
 def rotate(axis: int, degrees: float) -> Frame:
     """Return a right-hand rotation about X, Y or Z (0, 1, 2); quarter turns are exact."""

@@ -24,7 +24,7 @@ from compplan.toolpath.readers.cnc.state import INCH, CncBlock, State
 from compplan.toolpath.readers.frames import UP
 from compplan.toolpath.readers.lines import split_lines
 from compplan.toolpath.readers.moves import CamFile
-from compplan.toolpath.readers.options import CamTable, refuse_unit
+from compplan.toolpath.readers.options import CamTable
 
 CENTRE_READINGS = ("incremental", "absolute", "reversed")
 #: Least number of different arcs that lie on circles with another meaning of I J K only, before it is assumed.
@@ -105,7 +105,7 @@ def read(text: str, file: Path, options: CamTable) -> CamFile:
 class Rs274:
     """Dialect of the RS-274 family: executes the lines and blocks of a program."""
 
-    tip_word, turns_to_plane = "", True
+    tip_word, turns_to_plane, unit_words = "", True, "G20 or G21"
     frames: tuple[str, ...] = ("plane", "rotation", "scale", "mirror", "origin")
     ends, moving = ENDS, MOVING
     silent = frozenset({6.0, 48.0, 49.0, 61.0, 97.0, 98.0, 128.0, 129.0})
@@ -165,9 +165,8 @@ class Rs274:
         if "E" in values and not state.printer and 187.0 not in codes:
             raise InputError(f"word E{values['E']:g} is read in files of printers only (M104, M109); leave it out")
         state.cancels_length = 49.0 in codes or (values.get("H") == 0.0 and not {43.0, 44.0} & set(codes))
-        stated = state.unit_stated or state.printer or it.options.unit or not (UNITS | UNITLESS).isdisjoint(codes)
-        if not stated and any(values.get(letter, 0.0) != 0.0 for letter in LENGTHS):
-            raise refuse_unit("G20 or G21")
+        if not state.printer and (UNITS | UNITLESS).isdisjoint(codes):
+            it.check_unit(values.get(letter) for letter in LENGTHS)
         for group in CONTRARY if len(codes) > 1 else ():
             if len(conflicts := sorted(group & set(codes))) > 1:
                 raise InputError(f"G{conflicts[0]:g} and G{conflicts[1]:g} stand in one block, expected one of them")
@@ -175,7 +174,7 @@ class Rs274:
         if "F" in values and 4.0 not in codes:
             state.set_feed(values["F"])
         if machine or 4.0 in codes or "S" in values or "T" in values:
-            it.machine.start(block, it.flow.line)
+            it.machine.start(block)
         calls = 98.0 in machine or 97.0 in machine
         if coordinate_use == "machine":
             self.origins.move_in_machine(block)
@@ -188,7 +187,7 @@ class Rs274:
         if calls:
             self.macros.call_number(values, local=97.0 in machine)
         it.flow.over = it.flow.over or not {2.0, 30.0}.isdisjoint(machine)
-        return it.machine.stop(machine, it.flow.line)
+        return it.machine.stop(machine)
 
     def _give_words(self, block: CncBlock) -> bool:
         """Assign the words of a block to the M code that owns them; return whether the block is complete."""
@@ -202,7 +201,7 @@ class Rs274:
         if owner is None:
             return False
         it.note(f"M{owner:g} is not read")
-        it.log.add_event("comment", it.flow.line, text=f"M{owner:g} of the CAM file")
+        it.log.add_event("comment", text=f"M{owner:g} of the CAM file")
         if MOTIONS.isdisjoint(block.codes):
             return True
         for letter in "STPQ":

@@ -122,7 +122,7 @@ class Klartext:
         it, block = self.it, program.lines[index]
         it.flow.line, text = block.line, block.text
         if block.comment:
-            it.log.add_event("comment", block.line, text=block.comment)
+            it.log.add_event("comment", text=block.comment)
         index += 1
         if text[:1] == "/":
             it.note("blocks marked with / are read")
@@ -174,7 +174,7 @@ class Klartext:
         elif word.removeprefix("I") in ADDRESSES:  # X+10 alone
             self._move("L", text, self._corner_after(program, index))
         elif text[0] in "*;" or (text[0] == "(" and not self.begun and text.endswith(")")):
-            self.it.log.add_event("comment", self.it.flow.line, text=text[1 : -1 if text[0] == "(" else None].strip())
+            self.it.log.add_event("comment", text=text[1 : -1 if text[0] == "(" else None].strip())
         elif word.startswith("Q") and "=" in text:
             self._assign(text)
             if defining:
@@ -239,7 +239,7 @@ class Klartext:
         if number in (*range(9), 13) and lexer.ASSIGN.match(rest):
             self._assign(rest)
         elif number in (14, 20):
-            self.it.log.add_event("call" if number == 20 else "stop", line, text=f"FN {text}"[:60])
+            self.it.log.add_event("call" if number == 20 else "stop", text=f"FN {text}"[:60])
         else:
             for target in re.findall(r"Q[LRS]?\d+", rest)[:1]:
                 self.words.forget(target, f"FN {number} of line {line} sets it")
@@ -254,7 +254,7 @@ class Klartext:
             if re.search(r"REFPNT\s+(CNT|TIP-CNT|CNT-CNT)", rest):
                 raise InputError("TCPM with the centre of the tool as reference (REFPNT CNT) is not read")
         elif rest.startswith("DWELL") and (found := re.search(rf"TIME\s*({lexer.NUMBER})", rest)):
-            self.it.log.add_event("dwell", self.it.flow.line, value=float(found.group(1)))
+            self.it.log.add_event("dwell", value=float(found.group(1)))
         elif SILENT_FUNCTION.match(rest):
             self.it.note(f"FUNCTION {rest.split()[0]} is not read")
         else:
@@ -273,7 +273,7 @@ class Klartext:
             raise InputError(f"cannot read the block {text[:40]!r}")
         with self.words.functions(block) as codes:
             if stops:
-                self.it.log.add_event("stop", self.it.flow.line)
+                self.it.log.add_event("stop")
             self._call_cycle(codes & {89.0, 99.0})
 
     def _call_cycle(self, codes: set[float]) -> None:

@@ -46,6 +46,7 @@ class RobotProgram:
     def __init__(self, file: Path, options: CamTable) -> None:
         self.options, self.flow = options, Flow(file, deepest=DEEPEST)
         self.log = MoveLog(CHORD_MM, self.flow)
+        self.note = self.log.note
         self.blocks = 0
         self.frame = np.eye(4)
         #: Name and pose of the active frame (None: unknown); whether a pose was programmed in a frame.
@@ -57,10 +58,6 @@ class RobotProgram:
         direction = options.tool_direction or "z"
         self.direction = np.array([axis == direction[-1] for axis in "xyz"]) * (-1.0 if direction[0] == "-" else 1.0)
         self.assumed = options.tool_direction is None
-
-    def note(self, message: str) -> None:
-        """Note an assumption or a skipped statement, with the current line."""
-        self.log.note(message, self.flow.line)
 
     def run_statement(self, statement: str, rules: Iterable[Rule]) -> object:
         """Execute a statement by the first rule with a matching pattern; return the result of the rule."""
@@ -92,7 +89,7 @@ class RobotProgram:
     def add_call_event(self, found: Match | str) -> None:
         """Append a statement without equivalent in other languages as an event for the operator."""
         where = "in a loop or a branch: " if self.blocks else ""
-        self.log.add_event("call", self.flow.line, text=where + (found if isinstance(found, str) else found.string))
+        self.log.add_event("call", text=where + (found if isinstance(found, str) else found.string))
 
     def switch(self, kind: str) -> Callable[[Match], None]:
         """Return the rule of an output, a wait (dwell) or a halt (stop); see `add_call_event` for loops and branches.
@@ -107,7 +104,7 @@ class RobotProgram:
             if self.blocks:
                 self.add_call_event(found)
             else:
-                self.log.add_event(kind, self.flow.line, value=value, text=words.get("signal") or "")
+                self.log.add_event(kind, value=value, text=words.get("signal") or "")
 
         return run
 

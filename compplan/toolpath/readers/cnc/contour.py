@@ -30,7 +30,6 @@ class Element:
     end: Point
     named: tuple[int, ...]
     feed: float
-    line: int
     centre: Point | None = None
     normal: Point = (0.0, 0.0, 1.0)
     right_hand: bool = True
@@ -86,9 +85,9 @@ class Contour:
         """Whether neither an element nor an approach is held."""
         return self.held is None and self.approach is None
 
-    def wait(self, approach: Approach, target: Point, line: int) -> None:
+    def wait(self, approach: Approach, target: Point) -> None:
         """Hold an approach to a point until the first element of the contour."""
-        self.approach, self.target, self.first = approach, target, line
+        self.approach, self.target, self.first = approach, target, self.course.reader.line
 
     def add(self, element: Element, corner: Corner | None = None) -> None:
         """Add an element, with the corner at its end if there is one."""
@@ -171,7 +170,7 @@ def join_corner(before: Element, corner: Corner, after: Element) -> tuple[Elemen
             raise ValueError("a chamfer beside an arc, or a corner out of the plane of its arc, is not read")
         right_hand = dot(across, normal) > 0.0
         middle, first, last = _find_rounding(before, after, corner.size, normal, right_hand=right_hand)
-    joint = Element(first, last, before.named, feed, corner.line, middle, normal, right_hand)
+    joint = Element(first, last, before.named, feed, middle, normal, right_hand)
     return replace(before, end=first), joint, replace(after, start=last)
 
 

@@ -26,6 +26,7 @@ class Course:
     def __init__(self, reader: Any, options: CamTable, *, starts_at_zero: bool = False) -> None:
         self.reader, self.options, self.starts_at_zero = reader, options, starts_at_zero
         self.log = MoveLog(CHORD_MM, reader)
+        self.note = self.log.note
         self.frame = Frame()
         self.position: Point = (0.0, 0.0, 0.0)
         #: Axes with unknown coordinate; True after a machine move, False if the program has not stated it yet.
@@ -42,10 +43,6 @@ class Course:
         #: Two points in program coordinates whose difference is the direction at the end of the last cut; None
         #: if the last move was not a cut.
         self.last_direction: tuple[Point, Point] | None = None
-
-    def note(self, message: str) -> None:
-        """Note an assumption or a skipped statement, with the current line."""
-        self.log.note(message, self.reader.line)
 
     def use(self, frame: Frame) -> None:
         """Activate a frame; the tool does not move, its coordinates are converted."""

@@ -80,7 +80,7 @@ def drill(course: Course, hole: Hole, name: str) -> None:
         go_to_level(course, hole.axis, hole.clear)
         course.begin_cut()
         if not course.leave_out(set_levels(course.position, {hole.axis: hole.bottom})):
-            place, log, line = course.position, course.log, course.reader.line
+            place, log = course.position, course.log
             for deeper in (*hole.pecks, hole.bottom):
                 course.line(set_levels(place, {hole.axis: deeper}), (), hole.feed)
                 if deeper != hole.bottom:
@@ -88,15 +88,15 @@ def drill(course: Course, hole: Hole, name: str) -> None:
                     for level in (hole.clear, back) if hole.lifts else (back,):
                         course.rapid(set_levels(place, {hole.axis: level}))
             if hole.wait > 0.0:
-                log.add_event("dwell", line, value=hole.wait)
+                log.add_event("dwell", value=hole.wait)
             if hole.turn[0]:
-                log.add_event(hole.turn[0], line, value=hole.speed)
+                log.add_event(hole.turn[0], value=hole.speed)
             if hole.out is not None:
                 course.line(set_levels(place, {hole.axis: hole.clear}), (), hole.out)
             elif hole.by_clear:
                 go_to_level(course, hole.axis, hole.clear)
             if hole.turn[1]:
-                log.add_event(hole.turn[1], line, value=hole.speed)
+                log.add_event(hole.turn[1], value=hole.speed)
     else:
         course.note(f"drilling cycle {name} {SKIPPED}")
     go_to_level(course, hole.axis, hole.top)
@@ -232,8 +232,8 @@ def _run_hole(it: Interpreter, code: float, target: Point, named: tuple[int, ...
 class SinumerikCycles:
     """Drilling cycles of Sinumerik programs: CYCLE81 to 89 and 840, MCALL, HOLES1, HOLES2, CYCLE801."""
 
-    def __init__(self, it: Interpreter, evaluate: Callable[[str], float], check_unit: Callable[..., None]) -> None:
-        self.it, self.evaluate, self.check_unit = it, evaluate, check_unit
+    def __init__(self, it: Interpreter, evaluate: Callable[[str], float]) -> None:
+        self.it, self.evaluate = it, evaluate
         #: Cycle that is called at every following position (MCALL).
         self.modal: tuple[str, Numbers] | None = None
 
@@ -262,7 +262,7 @@ class SinumerikCycles:
         """
         it, scale = self.it, self.it.state.scale
         it.contour.refuse_open()
-        self.check_unit(numbers[:5])
+        it.check_unit(numbers[:5])
         rtp, rfp, sdis, dp, dpr = (None if number is None else number * scale for number in numbers[:5])
         if rtp is None or (dp is None and not dpr):
             raise InputError(f"{called} states no retract plane or no depth, expected RTP, RFP, SDIS, DP, DPR")

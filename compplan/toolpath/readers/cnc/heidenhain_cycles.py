@@ -29,6 +29,8 @@ from compplan.toolpath.readers.lines import match_form
 DRILLING = {1: False, 2: True, 17: True, 200: False, 201: True, 202: True, 203: False, 205: False, 206: True,
             207: True, 208: False, 209: True, 240: False}  # fmt: skip
 OLD = {1: 5, 2: 4, 17: 3}
+#: Tapping cycles at the pitch of the thread, and its part or parameter.
+PITCHES = {17: "3", 207: "Q239", 209: "Q239"}
 #: Cycles that do not affect the path.
 SILENT = {13, 32, 239, 332, 392}
 #: Rapid retraction, written as a feed. [mm/min]
@@ -95,7 +97,7 @@ class HeidenhainCycles:
             self._name_preset(rest)
         elif number == 9:
             if last:
-                self.it.log.add_event("dwell", self.it.flow.line, value=self.value(last.group(1)))
+                self.it.log.add_event("dwell", value=self.value(last.group(1)))
         elif number in OLD:
             if not part or self.cycle is None or self.cycle.number != number:
                 self.cycle = Cycle(number)
@@ -153,14 +155,12 @@ class HeidenhainCycles:
         surface. Cycles 1, 2 and 17 drill from the current level by set-up clearance plus depth, and retract to it.
         """
         course, axis, values, old = self.it.course, self.words.tool_axis, cycle.values, cycle.number in OLD
-        if cycle.number in (17, 207, 209):
-            pitch = abs(cycle.get("3" if cycle.number == 17 else "Q239"))
-            feed = out = pitch * self.words.unit * self.it.state.spindle / 60.0
+        if pitch := PITCHES.get(cycle.number):
+            feed = abs(cycle.get(pitch)) * self.words.unit * self.it.state.spindle / 60.0
         else:
-            feed = out = self.to_mm_s(cycle.get(str(OLD.get(cycle.number, "Q206"))))
-        if cycle.number in (201, 202) and (back := values.get("Q208", 0.0)) > 0.0:
-            out = self.to_mm_s(back)
-        rapidly = not DRILLING[cycle.number] or (cycle.number in (201, 202) and values.get("Q208", 0.0) >= FASTEST)
+            feed = self.to_mm_s(cycle.get(str(OLD.get(cycle.number, "Q206"))))
+        back = values.get("Q208", 0.0) if cycle.number in (201, 202) else 0.0
+        out = None if not DRILLING[cycle.number] or back >= FASTEST else self.to_mm_s(back) if back > 0.0 else feed
         if old and self.it.options.cycles != "expand":
             with self.it.log.hole():
                 self.it.note(f"drilling cycle {cycle.number} {SKIPPED}")
@@ -187,7 +187,7 @@ class HeidenhainCycles:
                 go_to_level(course, axis, clear)
                 go_to_level(course, axis, top)
             elif depth != 0.0:
-                hole = Hole(axis, clear, bottom, top, feed, None if rapidly else out, by_clear=True)
+                hole = Hole(axis, clear, bottom, top, feed, out, by_clear=True)
                 drill(course, hole, str(cycle.number))
             elif not old:
                 go_to_level(course, axis, top)

@@ -4,8 +4,9 @@ A dialect consists of a lexer that yields blocks of words, and a table of operat
 interpreter, which alone computes the path. Its methods: `run_line(program, index)` executes a line and returns the
 index of the next one or END; `square()` returns the tool axis with all rotary axes at 0. Its attributes: `frames`,
 names of its frames from the outermost ("plane": the tilted plane); `moving`, addresses of a move; `silent` and `ends`,
-M codes; `tip_word`, word of tool centre point control if cuts with moving rotary axes require it, otherwise "";
-`turns_to_plane`, whether rotary words in a tilted plane turn the tool to it (`turn_to_plane()`) or are ignored.
+M codes; `unit_words`, words that set the unit; `tip_word`, word of tool centre point control if cuts with moving rotary
+axes require it, otherwise ""; `turns_to_plane`, whether rotary words in a tilted plane turn the tool to it
+(`turn_to_plane()`) or are ignored.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ from compplan.toolpath.readers.cnc.motion import TURNING, MotionReader
 from compplan.toolpath.readers.cnc.rotary import Rotary
 from compplan.toolpath.readers.cnc.state import AXES, LETTERS, CncBlock, Machine, State
 from compplan.toolpath.readers.frames import Frame
-from compplan.toolpath.readers.options import CamTable
+from compplan.toolpath.readers.options import CamTable, refuse_unit
 
 #: Addresses that make a move.
 MOVING = frozenset((*AXES, *TURNING, "I", "J", "K", "I1", "J1", "K1", "CR", "AR", "AP", "RP", "TURN"))
@@ -113,7 +114,7 @@ class Interpreter:
             self.flow.run(load())
             self.contour.refuse_open()
             finish()
-        self.machine.end(self.flow.line)
+        self.machine.end()
 
     def run_words(
         self, block: CncBlock, words: Iterable[float | str], find: Callable[[float | str], Code | None]
@@ -211,6 +212,11 @@ class Interpreter:
         if angles:
             self.rotary.angles.update(angles)
             self.set_frame(carried=True)
+
+    def check_unit(self, lengths: Iterable[float | None]) -> None:
+        """Refuse non-zero lengths if neither the program so far nor the options state their unit."""
+        if not self.state.unit_stated and self.options.unit is None and any(lengths):
+            raise refuse_unit(self.dialect.unit_words)
 
     def compensate_radius(self, word: str) -> None:
         """Note cutter radius compensation, or refuse it without the option `compensation`."""

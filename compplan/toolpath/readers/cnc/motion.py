@@ -157,7 +157,7 @@ class MotionReader:
             return
         start = contour.position
         feed = self.feed(math.dist(target, start), block)
-        element = Element(start, target, named, feed, self.line, None, PLANE_NORMALS[state.plane], axis=axis)
+        element = Element(start, target, named, feed, None, PLANE_NORMALS[state.plane], axis=axis)
         if by_axes and axis is not None:
             after = dict(self.rotary.angles)
             element = replace(element, run=lambda: self._cut_turning(element, before, after))
@@ -271,7 +271,7 @@ class MotionReader:
             found = find_tangent_arc(start, self.find_direction(" (CT)"), target, normal)
             if found is None:
                 feed = self.feed(math.dist(start, target), block)
-                self.contour.add(Element(start, target, named, feed, self.line, normal=normal), corner)
+                self.contour.add(Element(start, target, named, feed, normal=normal), corner)
                 return
             centre, right_hand = found
         elif "CR" in values:
@@ -308,4 +308,4 @@ class MotionReader:
         count = int(turns) + 1
         way = arc_about(start, target, centre, normal, right_hand=right_hand, turns=count).length
         feed = self.feed(way, block)
-        self.contour.add(Element(start, target, named, feed, self.line, centre, normal, right_hand, count), corner)
+        self.contour.add(Element(start, target, named, feed, centre, normal, right_hand, count), corner)

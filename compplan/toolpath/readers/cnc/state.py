@@ -155,7 +155,7 @@ class Machine:
     def __init__(self, state: State, log: MoveLog, silent: frozenset[float], ends: frozenset[float]) -> None:
         self.state, self.log, self.silent, self.ends = state, log, silent | ends, ends
 
-    def start(self, block: CncBlock, line: int) -> None:
+    def start(self, block: CncBlock) -> None:
         """Execute the machine functions of a block before its move."""
         state, log, values, machine = self.state, self.log, block.values, block.machine
         by_t = state.changes_by_t and values.get("T", 0.0) not in (0.0, state.tool)
@@ -163,34 +163,34 @@ class Machine:
         if "T" in values:
             state.tool, state.tool_name = values["T"], ""
             if not changing and not state.changes_by_t:
-                log.add_event("comment", line, text=f"tool T{values['T']:g} is called")  # changed by the next M6
+                log.add_event("comment", text=f"tool T{values['T']:g} is called")  # changed by the next M6
         if 61.0 in machine:
             state.tool, state.tool_name = values.get("Q", state.tool), ""
         if changing or by_t:
             if by_t:
-                log.note("T without M6 is read as a tool change: the file has no M6", line)
-            self.change_tool(line)
+                log.note("T without M6 is read as a tool change: the file has no M6")
+            self.change_tool()
         changed = "S" in values and LIMITS.isdisjoint(block.codes) and ANGLES.isdisjoint(machine)
         if changed:
             state.spindle = values["S"]
-        self.switch_on(machine, line, changed=changed)
+        self.switch_on(machine, changed=changed)
         if 4.0 in block.codes:
             wait = max(next((values[letter] for letter in "FXU" if letter in values), 0.0), 0.0)  # in seconds
             if "P" in values:
                 milli = values["P"] >= LEAST_MILLISECONDS
                 if milli:
-                    log.note(f"G4 P{values['P']:g} is taken in milliseconds", line)
+                    log.note(f"G4 P{values['P']:g} is taken in milliseconds")
                 wait = max(values["P"], 0.0) * (1e-3 if milli else 1.0)
             elif "S" in values:  # in revolutions
                 wait = 60.0 * values["S"] / state.spindle if state.spindle > 0.0 else 0.0
-            log.add_event("dwell", line, value=wait)
+            log.add_event("dwell", value=wait)
 
-    def change_tool(self, line: int) -> None:
+    def change_tool(self) -> None:
         """Change to the selected tool."""
-        self.log.add_event("tool", line, value=self.state.tool, text=self.state.tool_name)
+        self.log.add_event("tool", value=self.state.tool, text=self.state.tool_name)
         self.state.turning = ""
 
-    def switch_on(self, machine: Iterable[float], line: int, *, changed: bool = False) -> None:
+    def switch_on(self, machine: Iterable[float], *, changed: bool = False) -> None:
         """Execute M codes that switch on, and the change of speed of a running spindle."""
         state, log = self.state, self.log
         kinds = [kind for code in machine for kind in STARTING.get(code, ())]
@@ -199,21 +199,21 @@ class Machine:
                 state.turning, changed = kind, True
         if changed and state.turning:
             off = state.spindle == 0.0
-            log.add_event("spindle_off" if off and not kinds else state.turning, line, value=state.spindle)
+            log.add_event("spindle_off" if off and not kinds else state.turning, value=state.spindle)
         for kind in kinds:
             if not kind.startswith("spindle"):
                 state.cooling = True
-                log.add_event(kind, line)
+                log.add_event(kind)
         for code in machine:
             if code not in STARTING and code not in STOPPING and code not in self.silent:
-                self.leave_out(f"M{code:g}", line)
+                self.leave_out(f"M{code:g}")
 
-    def leave_out(self, code: str, line: int) -> None:
+    def leave_out(self, code: str) -> None:
         """Note an unknown M code, which must be checked before the machine moves, and keep it as a comment."""
-        self.log.note(Stop(f"{code} is unknown: programs have it as a comment; if it switches something, add it"), line)
-        self.log.add_event("comment", line, text=f"{code} of the CAM file")
+        self.log.note(Stop(f"{code} is unknown: programs have it as a comment; if it switches something, add it"))
+        self.log.add_event("comment", text=f"{code} of the CAM file")
 
-    def stop(self, machine: Iterable[float], line: int) -> bool:
+    def stop(self, machine: Iterable[float]) -> bool:
         """Execute M codes after the move of their block; return whether the program ends."""
         for code in machine:
             kind = STOPPING.get(code, "")
@@ -222,12 +222,12 @@ class Machine:
             elif kind == "coolant_off":
                 self.state.cooling = False
             if kind:
-                self.log.add_event(kind, line)
+                self.log.add_event(kind)
         return not self.ends.isdisjoint(machine)
 
-    def end(self, line: int) -> None:
+    def end(self) -> None:
         """Stop running spindle and coolant at the end of the program."""
         for running, kind in ((self.state.turning, "spindle_off"), (self.state.cooling, "coolant_off")):
             if running:
-                self.log.add_event(kind, line)
+                self.log.add_event(kind)
         self.state.turning, self.state.cooling = "", False
