@@ -125,10 +125,10 @@ class Rs274:
         """Return the tool axis with all rotary axes at 0."""
         return UP
 
-    def turn_to_plane(self) -> Point | None:
+    def turn_to_plane(self) -> Point:
         """Orient the tool normal to the tilted plane by rotary words; the position of its tip is then unknown."""
         self.origins.turn_to_plane(53.1, stays=False)
-        return self.origins.plane_axis
+        return self.it.plane.turn(UP)
 
     def run_line(self, program: CncProgram, index: int) -> int:
         """Execute a line; return the index of the next one, or END."""

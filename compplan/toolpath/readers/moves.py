@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from array import array
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -158,8 +158,11 @@ class MoveLog:
         self.arc_length += arc.length
         self.position = end
 
-    def count_one(self, before: Mapping[str, int]) -> None:
-        """Count the pieces of a divided move as one; `before` holds the counts before the move."""
+    @contextmanager
+    def one_move(self) -> Iterator[None]:
+        """Count the pieces of a divided move in this context as one cutting move."""
+        before = dict(self.counts)
+        yield
         for name in ("cutting_moves", "rotary_only_moves"):
             self.counts[name] = min(self.counts[name], before[name] + 1)
 

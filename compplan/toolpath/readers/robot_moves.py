@@ -201,10 +201,9 @@ class RobotProgram:
 
     def _follow(self, points: Array, start: Array, end: Array, feed: float) -> None:
         """Cut through points with uniform rotation between two poses, counted as one move."""
-        counts = dict(self.log.counts)
         turn = Slerp([0.0, 1.0], Rotation.from_matrix(np.array([start[:3, :3], end[:3, :3]])))
-        self._cut(points, turn(np.arange(1, len(points) + 1) / len(points)), feed)
-        self.log.count_one(counts)
+        with self.log.one_move():
+            self._cut(points, turn(np.arange(1, len(points) + 1) / len(points)), feed)
 
     def _cut(self, points: Array, rotations: Rotation, feed: float) -> None:
         for point, rotation in zip(points, rotations.as_matrix(), strict=True):

@@ -27,7 +27,7 @@ from compplan.toolpath.readers.cnc.motion import CENTRES, CORNERS, MIDDLES, PLAI
 from compplan.toolpath.readers.cnc.origins import FRAME_WORDS, Origins, change_frame, swivel
 from compplan.toolpath.readers.cnc.sinumerik_program import FLOW, SinumerikFlow, strip
 from compplan.toolpath.readers.cnc.state import AXES, INCH, CncBlock, State
-from compplan.toolpath.readers.frames import PLANE_NORMALS, Frame
+from compplan.toolpath.readers.frames import PLANE_NORMALS, UP
 from compplan.toolpath.readers.gcode import BEGINNING
 from compplan.toolpath.readers.lines import count_lines, split_lines
 from compplan.toolpath.readers.moves import CamFile
@@ -112,11 +112,7 @@ class Sinumerik:
 
     def square(self) -> Point:
         """Return the tool axis with all rotary axes at 0."""
-        return self.point_square(17)
-
-    def point_square(self, plane: int) -> Point:
-        """Return the tool axis of G17 to G19 in the active swivelled plane."""
-        return self.it.frames.get("plane", Frame()).turn(PLANE_NORMALS[plane])
+        return self.it.plane.turn(UP)
 
     def run_line(self, program: CncProgram, index: int) -> int:
         """Execute a line; return the index of the next one, or END."""
@@ -185,7 +181,7 @@ class Sinumerik:
                 it.control_tip(True)
             elif called == "CYCLE800":
                 swivel(it, [0.0 if not text or text[0] == '"' else self.evaluate(text) for text in arguments])
-                it.course.set_tool_axis(self.point_square(it.state.plane))
+                it.course.set_tool_axis(it.plane.turn(PLANE_NORMALS[it.state.plane]))
             elif not self.cycles.run(called, arguments, modal=modal):
                 self._call(called, arguments, values.get("P", 1.0))
         return it.machine.stop(block.machine)

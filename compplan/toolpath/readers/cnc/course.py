@@ -187,14 +187,13 @@ class Course:
         start, end = self.frame.apply(self.position), self.frame.apply(target)
         angle = 0.0 if axis is None else _angle(self.log.axis, axis)
         if axis is not None and angle > math.radians(TURN_STEP):
-            counts, before = dict(self.log.counts), self.log.axis
-            pieces = math.ceil(math.degrees(angle) / TURN_STEP - 1e-9)
-            for share in (piece / pieces for piece in range(1, pieces + 1)):  # on the great circle
-                point = end if share == 1.0 else combine(1.0 - share, start, share, end)
-                from_before, to_axis = (math.sin(part * angle) / math.sin(angle) for part in (1.0 - share, share))
-                way = axis if share == 1.0 else combine(from_before, before, to_axis, axis)
-                self.log.line(point, feed, way)
-            self.log.count_one(counts)
+            pieces, before = math.ceil(math.degrees(angle) / TURN_STEP - 1e-9), self.log.axis
+            with self.log.one_move():
+                for share in (piece / pieces for piece in range(1, pieces)):  # on the great circle
+                    from_before, to_axis = (math.sin(part * angle) / math.sin(angle) for part in (1.0 - share, share))
+                    way = combine(from_before, before, to_axis, axis)
+                    self.log.line(combine(1.0 - share, start, share, end), feed, way)
+                self.log.line(end, feed, axis)
         else:
             self.log.line(end, feed, axis)
         if math.dist(start, end) > 1e-9:

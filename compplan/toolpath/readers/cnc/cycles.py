@@ -281,7 +281,6 @@ class SinumerikCycles:
             feed = out = it.motion.feed(0.0)
         axis, clear = DEEP_AXIS[it.state.plane], surface + sense * abs(sdis or 0.0)
         with it.log.hole():
-            go_to_level(it.course, axis, clear)
             drill(it.course, Hole(axis, clear, bottom, rtp, feed, out if DRILLING[called] else None), called)
 
     def _drill_pattern(self, called: str, n: list[float]) -> None:

@@ -180,9 +180,8 @@ class HeidenhainCycles:
             top = max(clear, surface + values.get("Q204", 0.0))
             self.it.state.motion = 0.0
         with self.it.log.hole():
-            if not old:
-                go_to_level(course, axis, clear)
             if cycle.number == 208 and depth != 0.0 and self.it.options.cycles == "expand":
+                go_to_level(course, axis, clear)
                 self._mill_bore(values, clear, bottom, feed)
                 go_to_level(course, axis, clear)
                 go_to_level(course, axis, top)
@@ -230,11 +229,6 @@ class HeidenhainCycles:
         top = n.get("Q203", 0.0) + n.get("Q204", 0.0)
         if top > course.position[axis]:
             go_to_level(course, axis, top)
-
-    @property
-    def tilt(self) -> Frame:
-        """Active tilted plane."""
-        return self.it.frames.get("plane", Frame())
 
     def shift_datum(self, rest: str) -> None:
         """Execute cycle 7: datum shift, absolute from the original datum, or incremental (I) from the active one."""
@@ -311,7 +305,7 @@ class HeidenhainCycles:
     def _set_tilt(self, tilt: Frame) -> None:
         """Activate a tilted plane, or cancel it."""
         self.it.contour.refuse_open()
-        if tilt == self.tilt:
+        if tilt == self.it.plane:
             return
         self._refuse_within("a plane that is tilted, or tilted back,", "shift", "rotation", "mirror", "scale")
         for name in TILT_ANGLES:
@@ -328,7 +322,7 @@ class HeidenhainCycles:
 
     def point_tool(self) -> None:
         """Orient the tool along the tool axis of the active plane."""
-        axis = self.tilt.turn(PLANE_NORMALS[self.it.state.plane])
+        axis = self.it.plane.turn(PLANE_NORMALS[self.it.state.plane])
         if axis != self.it.log.axis:
             self.it.course.set_tool_axis(axis)
 
@@ -362,5 +356,5 @@ class HeidenhainCycles:
             (name, angle), *more = n.items()
             if more or name not in ("SPA", "SPB", "SPC"):
                 raise ValueError("PLANE RELATIV takes one angle: SPA, SPB or SPC")
-            return self.tilt.then(rotate("ABC".index(name[-1]), angle))
+            return self.it.plane.then(rotate("ABC".index(name[-1]), angle))
         raise ValueError(f"PLANE {kind} is not read; use PLANE SPATIAL")

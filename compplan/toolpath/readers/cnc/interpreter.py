@@ -147,6 +147,11 @@ class Interpreter:
         return "plane" in self.frames
 
     @property
+    def plane(self) -> Frame:
+        """Active tilted plane, or the untilted one."""
+        return self.frames.get("plane", Frame())
+
+    @property
     def controls_tip(self) -> bool:
         """Whether X Y Z are the tip in the part while rotary axes turn."""
         return self.state.tip_control or self.options.axes.tip_control

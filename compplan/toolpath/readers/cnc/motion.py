@@ -21,7 +21,7 @@ from compplan.toolpath.readers.arcs import (
 )
 from compplan.toolpath.readers.cnc.contour import Contour, Corner, Element, find_tangent_arc
 from compplan.toolpath.readers.cnc.course import Course
-from compplan.toolpath.readers.cnc.rotary import Rotary
+from compplan.toolpath.readers.cnc.rotary import Rotary, blend
 from compplan.toolpath.readers.cnc.state import AXES, LETTERS, CncBlock, State
 from compplan.toolpath.readers.frames import DEEP_AXIS, PLANE_AXES, PLANE_NORMALS, rotate, turn_about
 from compplan.toolpath.readers.lines import DECIMAL
@@ -216,19 +216,16 @@ class MotionReader:
             seconds = 60.0 / self.state.feed
         else:  # feed along X Y Z, in degrees if they do not move
             seconds = (travel if travel > 0.0 else whole * self.state.scale) / feed if feed > 0.0 else 0.0
-        counts = dict(log.counts)
-        for piece in range(1, pieces + 1):
-            share = piece / pieces
-            rotary.angles = {
-                letter: before.get(letter, 0.0) * (1.0 - share) + angle * share for letter, angle in after.items()
-            }
-            self.set_frame(carried=True)
-            point = target if piece == pieces else combine(1.0 - share, start, share, target)
-            if not tip and seconds > 0.0:
-                feed = math.dist(course.frame.apply(point), log.position) * pieces / seconds
-            course.line(point, element.named, feed, rotary.point_tool() if rotary.turned else self.dialect.square())
+        with log.one_move():
+            for piece in range(1, pieces + 1):
+                share = piece / pieces
+                rotary.angles = blend(before, after, share)
+                self.set_frame(carried=True)
+                point = target if piece == pieces else combine(1.0 - share, start, share, target)
+                if not tip and seconds > 0.0:
+                    feed = math.dist(course.frame.apply(point), log.position) * pieces / seconds
+                course.line(point, element.named, feed, rotary.point_tool() if rotary.turned else self.dialect.square())
         rotary.angles = after
-        log.count_one(counts)
 
     def _count_pieces(self, target: Point, before: dict[str, float], after: dict[str, float], *, tip: bool) -> int:
         """Return the number of pieces of a motion of rotary axes that limits the errors of tool axis and tip."""
@@ -237,8 +234,7 @@ class MotionReader:
             raise InputError(f"rotary axes turn by {turn:g} deg in one block, at most {MOST_TURN:g} are read")
         step = TURN_STEP
         if tip:
-            ways = [{n: before.get(n, 0.0) * (1 - s) + a * s for n, a in after.items()} for s in (0.0, 0.37, 0.71, 1.0)]
-            if len({self.rotary.point_tool(way) for way in ways}) == 1:
+            if len({self.rotary.point_tool(blend(before, after, share)) for share in (0.0, 0.37, 0.71, 1.0)}) == 1:
                 return 1
         elif self.rotary.axes[1]:
             x, y, z = self.options.axes.rotary_centre_mm or (0.0, 0.0, 0.0)

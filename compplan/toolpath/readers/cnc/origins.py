@@ -209,11 +209,6 @@ class Origins:
         elif named:
             course.rapid(target, named)
 
-    @property
-    def plane_axis(self) -> Point | None:
-        """Normal of the active tilted plane, None without one."""
-        return self.it.frames["plane"].turn(UP) if self.it.tilted else None
-
     def _find_centre(self, block: CncBlock, axes: Sequence[int] = (0, 1, 2)) -> Point:
         """Return the centre of a rotation or scaling: coordinates of the block, by default those of the tool."""
         stated = {axis: level for axis, level in self.state.lengths(block).items() if axis in axes}
@@ -265,18 +260,17 @@ class Origins:
 
     def turn_to_plane(self, code: float, *, stays: bool) -> None:
         """Execute G53.1 and G53.6: orient the tool normal to the tilted plane; `stays`: its tip does not move."""
-        axis = self.plane_axis
-        if axis is None:
+        if not self.it.tilted:
             raise InputError(f"G{code:g} without a tilted plane (G68.2) has nothing to turn to")
         self.turned_to_plane = True
         if not stays:
             self.it.course.mark_unknown()
-        self.it.log.axis = axis
+        self.it.log.axis = self.it.plane.turn(UP)
 
     def check_plane(self) -> None:
         """Refuse a cut in a tilted plane to which the tool is not oriented."""
-        axis = self.plane_axis
-        if axis is not None and not self.turned_to_plane and math.dist(axis, self.it.log.axis) > 1e-9:
+        turned = self.turned_to_plane or math.dist(self.it.plane.turn(UP), self.it.log.axis) <= 1e-9
+        if self.it.tilted and not turned:
             raise InputError("a cut in a tilted plane (G68.2) that the tool is not turned to (G53.1, or A B C)")
 
 

@@ -119,6 +119,11 @@ class Rotary:
         )
 
 
+def blend(before: Mapping[str, float], after: Mapping[str, float], share: float) -> dict[str, float]:
+    """Return the angles after a share of a motion of the rotary axes; axes not named before start at 0."""
+    return {letter: before.get(letter, 0.0) * (1.0 - share) + angle * share for letter, angle in after.items()}
+
+
 def swing(axes: Axes, angles: Mapping[str, float]) -> Point:
     """Return the tool axis after rotations by given angles [deg], in the order of the axes."""
     axis = UP
