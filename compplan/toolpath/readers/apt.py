@@ -10,7 +10,7 @@ from pathlib import Path
 
 from compplan.errors import InputError
 from compplan.toolpath.readers.apt_words import NUMBER, AptCycle, find_numbers, read_cycle, read_numbers, split_records
-from compplan.toolpath.readers.arcs import MOST_TURNS, Point, arc_about, combine, cross, dot
+from compplan.toolpath.readers.arcs import MOST_TURNS, Point, arc_about, combine, cross, dot, orient
 from compplan.toolpath.readers.cnc.state import INCH, STARTING, STOPPING, Machine, State
 from compplan.toolpath.readers.lines import DECIMAL, count_lines
 from compplan.toolpath.readers.moves import CamFile, MoveLog
@@ -72,11 +72,10 @@ def read(text: str, file: Path, options: CamTable) -> CamFile:
 
 @dataclass(frozen=True)
 class _Pending:
-    """Arc record before its end point is known: a point on its axis [mm], the axis, sense and turns."""
+    """Arc record before its end point is known: a point on its axis [mm], the axis (right-handed) and turns."""
 
     centre: Point
     normal: Point
-    right_hand: bool
     turns: int = 1
 
 
@@ -317,7 +316,8 @@ class _AptReader:
         if count > MOST_TURNS:
             raise InputError(f"arc of {count:g} turns, at most {MOST_TURNS} are read")
         turns = max(1, math.ceil(count) if angle else int(count))
-        self.arc = _Pending(self._scaled(numbers), _axis(numbers[3:6]), clockwise == self.flipped, turns)
+        normal = orient(_axis(numbers[3:6]), right_hand=clockwise == self.flipped)
+        self.arc = _Pending(self._scaled(numbers), normal, turns)
 
     def _cut_lettered(self, words: str) -> None:
         """Cut along CIRCLE/X,x,Y,y,Z,z,I,i,J,j,K,k[,CCLW]: end, centre relative to the start; clockwise by default."""
@@ -330,7 +330,7 @@ class _AptReader:
         x, y, z = (values.get(letter, old) for letter, old in zip("XYZ", start, strict=True))
         i, j, k = (values.get(letter, 0.0) for letter in "IJK")
         anticlockwise = not ANTICLOCKWISE.isdisjoint(re.findall(r"[A-Z]+", words))
-        pending = _Pending(combine(1.0, start, 1.0, (i, j, k)), self.log.axis, anticlockwise)
+        pending = _Pending(combine(1.0, start, 1.0, (i, j, k)), orient(self.log.axis, right_hand=anticlockwise))
         self._cut_arc(pending, start, (x, y, z), self.log.axis)
 
     def _follow_circle(self, words: str) -> None:
@@ -343,11 +343,12 @@ class _AptReader:
         self._begin_cut(self.log.axis)
         start, middle, normal = self.log.position, self._scaled(centre), self.log.axis
         right_hand = dot(cross(normal, combine(1.0, start, -1.0, middle)), self.direction) > 0.0
-        self._cut_arc(_Pending(middle, normal, right_hand), start, self._scaled(last[-3:]), normal)
+        pending = _Pending(middle, orient(normal, right_hand=right_hand))
+        self._cut_arc(pending, start, self._scaled(last[-3:]), normal)
 
     def _cut_arc(self, pending: _Pending, start: Point, end: Point, axis: Point) -> None:
         """Cut along an arc, and store its end direction for the next arc."""
-        arc = arc_about(start, end, pending.centre, pending.normal, right_hand=pending.right_hand, turns=pending.turns)
+        arc = arc_about(start, end, pending.centre, pending.normal, pending.turns)
         arc.check_circle()
         along = 0.0 if self.before is None else dot(arc.tangent(0.0), self.before)
         if abs(along) > 0.99:  # tangent to the previous move, forwards or in reverse

@@ -16,7 +16,7 @@ from compplan.toolpath.readers.arcs import MOST_TURNS, OffCircleError, Point
 from compplan.toolpath.readers.cnc.cycles import begin_cycle, run_cycle
 from compplan.toolpath.readers.cnc.flow import END, CncProgram, Flow
 from compplan.toolpath.readers.cnc.interpreter import COMMON, MOTIONS, Code, Interpreter, ignore, note, refuse, set_mode
-from compplan.toolpath.readers.cnc.motion import CENTRES, CORNERS, PLAIN, STRAIGHT
+from compplan.toolpath.readers.cnc.motion import CORNERS, PLAIN, STRAIGHT
 from compplan.toolpath.readers.cnc.origins import Origins
 from compplan.toolpath.readers.cnc.rs274_lexer import LENGTHS, WITH_COORDINATES, Lexer, owns_words
 from compplan.toolpath.readers.cnc.rs274_macro import Macros
@@ -241,8 +241,6 @@ class Rs274:
             values.update({"CR": values["R"]} if "R" in values else {})
         elif "R" in values and values["R"] != 0.0:
             raise InputError(f"R{values['R']:g} in a straight move is not read; a rounded corner is written ,R")
-        elif block.has(CENTRES):
-            it.note("I J K in straight moves are not read")
         unknown = bool(it.course.unknown) and not it.course.suspended
         if state.printer and state.motion == 1.0 and unknown and ("E" not in values or not it.log.waypoints):
             it.note(HOMING_NOTE)

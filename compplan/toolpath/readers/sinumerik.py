@@ -23,7 +23,7 @@ from compplan.toolpath.readers.cnc.interpreter import (
     refuse,
     set_mode,
 )
-from compplan.toolpath.readers.cnc.motion import CENTRES, CORNERS, MIDDLES, PLAIN, POLAR
+from compplan.toolpath.readers.cnc.motion import CORNERS, MIDDLES, PLAIN, POLAR
 from compplan.toolpath.readers.cnc.origins import FRAME_WORDS, Origins, change_frame, swivel
 from compplan.toolpath.readers.cnc.sinumerik_program import FLOW, SinumerikFlow, strip
 from compplan.toolpath.readers.cnc.state import AXES, INCH, CncBlock, State
@@ -208,11 +208,8 @@ class Sinumerik:
         if state.motion is None:
             it.note("coordinates before any G0 or G1 are read as G1")
             state.motion = 1.0
-        if state.motion in (0.0, 1.0):
-            if block.has(OF_ARCS):
-                raise InputError("words of an arc (CR, AR, TURN) in a straight block")
-            if block.has(CENTRES):
-                it.note("I J K in straight moves are not read")
+        if state.motion in (0.0, 1.0) and block.has(OF_ARCS):
+            raise InputError("words of an arc (CR, AR, TURN) in a straight block")
         it.motion.move(block)
         return True
 

@@ -11,7 +11,7 @@ from collections.abc import Iterable, Sequence
 from typing import Any
 
 from compplan.errors import InputError
-from compplan.toolpath.readers.arcs import Point, arc_about, combine, cross, dot, normalise
+from compplan.toolpath.readers.arcs import Point, arc_about, combine, cross, dot, normalise, orient
 from compplan.toolpath.readers.frames import ORIGIN, UNIT, UP, Frame
 from compplan.toolpath.readers.moves import MoveLog
 from compplan.toolpath.readers.options import CHORD_MM, TURN_STEP, CamTable, find_start
@@ -167,7 +167,7 @@ class Course:
         if unknown and not self.suspended:
             find_start(self.position, unknown, None, self.reason)
 
-    def leave_out(self, target: Point, named: Iterable[int] = ()) -> bool:
+    def leave_out(self, target: Point) -> bool:
         """Leave out a cut if moves are suspended; return whether they are."""
         if not self.suspended:
             return False
@@ -175,12 +175,11 @@ class Course:
             raise InputError(refusal)
         self.left_out += 1
         self.position = target
-        self.mark_known(named)
         return True
 
-    def line(self, target: Point, named: Iterable[int], feed: float, axis: Point | None = None) -> None:
+    def line(self, target: Point, feed: float, axis: Point | None = None) -> None:
         """Cut straight to a position with a feed in mm/s; the tool axis moves to `axis` on the great circle."""
-        if self.leave_out(target, named):
+        if self.leave_out(target):
             return
         if self.unknown:
             self.begin_cut()
@@ -200,10 +199,9 @@ class Course:
             self.last_direction = self.position, target
         self.position = target
 
-    def arc(self, target: Point, named: Iterable[int], feed: float, centre: Point, normal: Point, right_hand: bool,
-            turns: int) -> None:  # fmt: skip
-        """Cut along an arc or a helix, given in program coordinates."""
-        if self.leave_out(target, named):
+    def arc(self, target: Point, feed: float, centre: Point, normal: Point, turns: int) -> None:
+        """Cut along an arc or a helix about a centre, right-handed about a normal, given in program coordinates."""
+        if self.leave_out(target):
             return
         if self.unknown:
             self.begin_cut()
@@ -211,12 +209,11 @@ class Course:
         if frame.rows is not UNIT and not frame.similar:
             raise InputError("an arc under a scale that differs between axes would be an ellipse and is not read")
         start, end, unit = frame.apply(self.position), frame.apply(target), normalise(frame.turn(normal))
-        hand = right_hand != frame.mirrored
-        arc = arc_about(start, end, frame.apply(centre), unit, right_hand=hand, turns=turns)
+        arc = arc_about(start, end, frame.apply(centre), orient(unit, right_hand=not frame.mirrored), turns)
         arc.check_circle()
         self.log.arc(arc, end, feed)
         along = cross(normal, combine(1.0, target, -1.0, centre))
-        self.position, self.last_direction = target, (ORIGIN, along) if right_hand else (along, ORIGIN)
+        self.position, self.last_direction = target, (ORIGIN, along)
 
 
 def _angle(before: Point, after: Point) -> float:

@@ -82,7 +82,7 @@ def drill(course: Course, hole: Hole, name: str) -> None:
         if not course.leave_out(set_levels(course.position, {hole.axis: hole.bottom})):
             place, log = course.position, course.log
             for deeper in (*hole.pecks, hole.bottom):
-                course.line(set_levels(place, {hole.axis: deeper}), (), hole.feed)
+                course.line(set_levels(place, {hole.axis: deeper}), hole.feed)
                 if deeper != hole.bottom:
                     back = min(deeper + PECK_CLEARANCE_MM, hole.clear)
                     for level in (hole.clear, back) if hole.lifts else (back,):
@@ -92,7 +92,7 @@ def drill(course: Course, hole: Hole, name: str) -> None:
             if hole.turn[0]:
                 log.add_event(hole.turn[0], value=hole.speed)
             if hole.out is not None:
-                course.line(set_levels(place, {hole.axis: hole.clear}), (), hole.out)
+                course.line(set_levels(place, {hole.axis: hole.clear}), hole.out)
             elif hole.by_clear:
                 go_to_level(course, hole.axis, hole.clear)
             if hole.turn[1]:

@@ -7,7 +7,7 @@ import math
 from collections.abc import Mapping
 
 from compplan.errors import InputError
-from compplan.toolpath.readers.arcs import Point, set_levels
+from compplan.toolpath.readers.arcs import Point, orient, set_levels
 from compplan.toolpath.readers.cnc.contour import Element
 from compplan.toolpath.readers.cnc.heidenhain_words import KlartextWords
 from compplan.toolpath.readers.cnc.interpreter import Interpreter
@@ -67,8 +67,8 @@ def run_approach(it: Interpreter, words: KlartextWords, rest: str, *, leaves: bo
 
     def go(start: Point, end: Point, feed: float | None = feed, centre: complex | None = None, hand: bool = True,
            ) -> Element:  # fmt: skip
-        about = None if centre is None else lift(centre, end)
-        return Element(start, end, (0, 1, 2), feed or 0.0, about, PLANE_NORMALS[plane], hand, rapid=feed is None)
+        about, normal = None if centre is None else lift(centre, end), orient(PLANE_NORMALS[plane], right_hand=hand)
+        return Element(start, end, feed or 0.0, about, normal, rapid=feed is None)
 
     def approach(element: Element) -> list[Element]:
         direction = flatten(element.tangent(element.start))
@@ -97,5 +97,5 @@ def run_approach(it: Interpreter, words: KlartextWords, rest: str, *, leaves: bo
             it.contour.add(go(lift(place, start), lift(end, start)))
         if abs(height) > 1e-9:
             low = it.contour.position
-            it.contour.add(Element(low, set_levels(low, {axis: first[axis]}), (), feed))
+            it.contour.add(Element(low, set_levels(low, {axis: first[axis]}), feed))
         words.side, it.state.motion = "", 1.0

@@ -201,11 +201,11 @@ class HeidenhainCycles:
             raise InputError("cycle 208 needs a bore Q335 wider than the tool and an infeed Q334")
         middle, one = course.position, PLANE_AXES[plane][0]
         end = set_levels(middle, {self.words.tool_axis: bottom})
-        course.line(set_levels(middle, {one: middle[one] + reach}), (), feed)
+        course.line(set_levels(middle, {one: middle[one] + reach}), feed)
         for turns in (max(1, math.ceil((first - bottom) / pitch - 1e-9)), 1):
             low = set_levels(end, {one: middle[one] + reach})
-            course.arc(low, (), feed, middle, PLANE_NORMALS[plane], True, turns)
-        course.line(end, (), feed)
+            course.arc(low, feed, middle, PLANE_NORMALS[plane], turns)
+        course.line(end, feed)
 
     def _drill_pattern(self, pattern: Cycle) -> None:
         """Execute cycles 220 (holes on a circle) and 221 (holes in rows) with the drilling cycle defined before."""

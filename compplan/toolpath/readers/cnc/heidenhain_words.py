@@ -203,7 +203,7 @@ class KlartextWords:
         target = set_levels(course.position, {axis: course.position[axis] + self.value(way.group(1))})
         feed = re.search(r"F\s*([\d.]+)", words)
         if feed:
-            course.line(target, (), self.to_mm_s(float(feed.group(1))))
+            course.line(target, self.to_mm_s(float(feed.group(1))))
         else:
             course.rapid(target)
 

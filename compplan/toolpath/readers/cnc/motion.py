@@ -17,6 +17,7 @@ from compplan.toolpath.readers.arcs import (
     dot,
     find_arc,
     normalise,
+    orient,
     set_levels,
 )
 from compplan.toolpath.readers.cnc.contour import Contour, Corner, Element, find_tangent_arc
@@ -144,20 +145,22 @@ class MotionReader:
         if arc:
             if block.has(TURNING) and not self.rotary.ignored:
                 raise InputError("an arc on which the tool turns is not read; post-process it as straight moves")
-            if not course.leave_out(target, named):
-                self._go_round(block, target, named, corner or self._corner(block))
+            if not course.leave_out(target):
+                self._go_round(block, target, corner or self._corner(block))
             return
+        if block.has(CENTRES):
+            course.note("I J K in straight moves are not read")
         before = dict(self.rotary.angles)
         axis, by_axes = self._turn(block, rapid=rapid) if block.has(TURNING) else (None, False)
         if rapid:
             contour.refuse_open()
             course.rapid(target, named, axis)
             return
-        if contour.idle and course.leave_out(target, named):
+        if contour.idle and course.leave_out(target):
             return
         start = contour.position
         feed = self.feed(math.dist(target, start), block)
-        element = Element(start, target, named, feed, None, PLANE_NORMALS[state.plane], axis=axis)
+        element = Element(start, target, feed, None, PLANE_NORMALS[state.plane], axis=axis)
         if by_axes and axis is not None:
             after = dict(self.rotary.angles)
             element = replace(element, run=lambda: self._cut_turning(element, before, after))
@@ -224,7 +227,7 @@ class MotionReader:
                 point = target if piece == pieces else combine(1.0 - share, start, share, target)
                 if not tip and seconds > 0.0:
                     feed = math.dist(course.frame.apply(point), log.position) * pieces / seconds
-                course.line(point, element.named, feed, rotary.point_tool() if rotary.turned else self.dialect.square())
+                course.line(point, feed, rotary.point_tool() if rotary.turned else self.dialect.square())
         rotary.angles = after
 
     def _count_pieces(self, target: Point, before: dict[str, float], after: dict[str, float], *, tip: bool) -> int:
@@ -250,47 +253,46 @@ class MotionReader:
             raise InputError(f"nothing is cut right before this block that it could go on from smoothly{word}")
         return normalise(combine(1.0, self.course.last_direction[1], -1.0, self.course.last_direction[0]))
 
-    def _go_round(self, block: CncBlock, target: Point, named: tuple[int, ...], corner: Corner | None) -> None:
+    def _go_round(self, block: CncBlock, target: Point, corner: Corner | None) -> None:
         """Cut along an arc: G2 clockwise, G3 counter-clockwise about the normal of the plane."""
         state, values, start = self.state, block.values, self.contour.position
         about_pole = "CC" in block.names or (block.has(POLAR) and not block.has(CENTRES))
         plane = (state.pole_plane or state.plane) if about_pole else state.plane
-        normal, right_hand = PLANE_NORMALS[plane], state.motion == 3.0
+        normal = orient(PLANE_NORMALS[plane], right_hand=state.motion == 3.0)
         if state.motion == "CIP":
             if block.values.keys().isdisjoint(MIDDLES):
                 raise InputError("CIP has no point on its way, expected I1= J1= K1=")
             arc = find_arc(start, state.place(block, start, MIDDLES)[0], target)
-            centre, normal, right_hand = arc.centre, arc.normal, arc.sweep > 0.0
+            centre, normal = arc.centre, arc.normal
         elif state.motion == "CT":
             if abs(dot(combine(1.0, target, -1.0, start), normal)) > 1e-9:
                 raise InputError("CT that leaves its plane is not read")
             found = find_tangent_arc(start, self.find_direction(" (CT)"), target, normal)
             if found is None:
                 feed = self.feed(math.dist(start, target), block)
-                self.contour.add(Element(start, target, named, feed, normal=normal), corner)
+                self.contour.add(Element(start, target, feed, normal=normal), corner)
                 return
-            centre, right_hand = found
+            centre, normal = found
         elif "CR" in values:
             radius = values["CR"] * state.scale
-            centre = centre_from_radius(start, target, normal, radius, right_hand=right_hand)
+            centre = centre_from_radius(start, target, normal, radius)
         elif "AR" in values:
             opening, deep = values["AR"], DEEP_AXIS[plane]
             if not 0.0 < opening < 360.0:
                 raise InputError(f"AR={opening:g}, expected more than 0 and less than 360")
             if block.has(CENTRES):
                 centre = state.centre(start, block, plane)
-                end = turn_about(centre, rotate(deep, opening if right_hand else -opening)).apply(start)
+                end = turn_about(centre, rotate(deep, opening if state.motion == 3.0 else -opening)).apply(start)
                 target = set_levels(end, {deep: target[deep]})
             else:
                 chord = math.dist(start, set_levels(target, {deep: start[deep]}))
                 radius = math.copysign(0.5 * chord / math.sin(math.radians(0.5 * opening)), 180.0 - opening)
-                centre = centre_from_radius(start, target, normal, radius, right_hand=right_hand)
+                centre = centre_from_radius(start, target, normal, radius)
         elif any("IJK"[axis] in values for axis in PLANE_AXES[plane]):
             centre = state.centre(start, block, plane)
             offsets = tuple(values.get(letter, 0.0) for letter in "IJK")
             usual = combine(1.0, start, state.scale, (offsets[0], offsets[1], offsets[2]))
-            if (state.centres != "incremental"
-                    and not arc_about(start, target, usual, normal, right_hand=right_hand).fits_circle):  # fmt: skip
+            if state.centres != "incremental" and not arc_about(start, target, usual, normal).fits_circle:
                 ends = [place[axis] for place in (start, target) for axis in PLANE_AXES[plane]]
                 self.proofs.add((*(round(number, 3) for number in ends), *offsets))
         elif about_pole and state.pole is not None:
@@ -302,6 +304,6 @@ class MotionReader:
         if not 0.0 <= turns < MOST_TURNS or turns != int(turns):
             raise InputError(f"arc of {turns:g} further turns, expected a whole number less than {MOST_TURNS}")
         count = int(turns) + 1
-        way = arc_about(start, target, centre, normal, right_hand=right_hand, turns=count).length
+        way = arc_about(start, target, centre, normal, count).length
         feed = self.feed(way, block)
-        self.contour.add(Element(start, target, named, feed, centre, normal, right_hand, count), corner)
+        self.contour.add(Element(start, target, feed, centre, normal, count), corner)

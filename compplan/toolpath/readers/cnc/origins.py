@@ -205,7 +205,7 @@ class Origins:
         target = set_levels(course.position, levels)
         self.it.contour.refuse_open()
         if cuts and named:
-            course.line(target, named, self.it.motion.feed(math.dist(target, course.position)))
+            course.line(target, self.it.motion.feed(math.dist(target, course.position)))
         elif named:
             course.rapid(target, named)
 

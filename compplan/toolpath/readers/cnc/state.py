@@ -127,10 +127,16 @@ class State:
 
         Incremental coordinates are relative to `base`; those that are not stated are kept from it. [mm]
         """
-        stated = self.lengths(block, letters)
-        absolute = [axis for axis in stated if not self.is_incremental(block, letters[axis])]
-        levels = {axis: level + (0.0 if axis in absolute else base[axis]) for axis, level in stated.items()}
-        return set_levels(base, levels), absolute
+        point, absolute = list(base), list[int]()
+        for axis, letter in enumerate(letters):
+            if letter in block.values:
+                level = block.values[letter] * self.scale
+                if self.is_incremental(block, letter):
+                    point[axis] += level
+                else:
+                    point[axis] = level
+                    absolute.append(axis)
+        return (point[0], point[1], point[2]), absolute
 
     def turn(self, angles: dict[str, float], block: CncBlock) -> None:
         """Update the angles of rotary axes with those of a block."""
