@@ -49,9 +49,9 @@ suffixes = (
 #: Words of a move, and those of its end point.
 MOVING, PLACES = frozenset("XYZABCIJKRUVW"), frozenset("XYZABCUVW")
 CYCLES = frozenset({73.0, 74.0, 76.0, *(float(number) for number in range(81, 90))})
-#: Codes that set the unit, and codes whose words are not lengths of the path.
+#: Codes that set the unit, and those with which a block needs none: its words are not lengths of the path.
 UNITS = frozenset({20.0, 21.0, 70.0, 71.0})
-UNITLESS = frozenset({4.0, 10.0, 53.0, 153.0})
+UNITLESS = UNITS | {4.0, 10.0, 53.0, 153.0}
 #: Modal groups; a block may hold one code of each.
 CONTRARY = (
     frozenset({20.0, 21.0}), frozenset({90.0, 91.0}), frozenset({17.0, 18.0, 19.0}), frozenset({93.0, 94.0, 95.0}),
@@ -165,7 +165,7 @@ class Rs274:
         if "E" in values and not state.printer and 187.0 not in codes:
             raise InputError(f"word E{values['E']:g} is read in files of printers only (M104, M109); leave it out")
         state.cancels_length = 49.0 in codes or (values.get("H") == 0.0 and not {43.0, 44.0} & set(codes))
-        if not state.printer and (UNITS | UNITLESS).isdisjoint(codes):
+        if not (state.unit_stated or state.printer) and UNITLESS.isdisjoint(codes):
             it.check_unit(values.get(letter) for letter in LENGTHS)
         for group in CONTRARY if len(codes) > 1 else ():
             if len(conflicts := sorted(group & set(codes))) > 1:
