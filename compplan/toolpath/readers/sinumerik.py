@@ -263,7 +263,8 @@ UNREAD = refuse("it changes the path or its frame")
 OFFSET = Code(lambda dialect, block, code: dialect.origins.use(code))
 WORDS: dict[float | str, Code] = {
     **COMMON,
-    **{motion: set_mode(1, motion=motion) for motion in (*MOTIONS, "CIP", "CT")},
+    **{motion: set_mode(1, motion=motion) for motion in MOTIONS},
+    **{word: set_mode(1, motion=word) for word in ("CIP", "CT")},
     **dict.fromkeys((17.0, 18.0, 19.0), Code(Sinumerik.set_plane)),
     **dict.fromkeys((70.0, 71.0, 700.0, 710.0, 20.0, 21.0), Code(Sinumerik.set_unit)),
     **dict.fromkeys((74.0, 75.0, "SUPA"), ignore("machine")),
