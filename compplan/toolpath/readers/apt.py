@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
 from compplan.errors import InputError
 from compplan.toolpath.readers.apt_words import NUMBER, AptCycle, find_numbers, read_cycle, read_numbers, split_records
-from compplan.toolpath.readers.arcs import Point, arc_about, combine, cross, dot
+from compplan.toolpath.readers.arcs import MOST_TURNS, Point, arc_about, combine, cross, dot, orient
 from compplan.toolpath.readers.cnc.state import INCH, STARTING, STOPPING, Machine, State
 from compplan.toolpath.readers.lines import DECIMAL, count_lines
 from compplan.toolpath.readers.moves import CamFile, MoveLog
@@ -30,17 +31,14 @@ SILENT = {
     "SEQNO", "REWIND", "MULTAX", "END", "LEADER", "CLEARP", "CLDIST", "PROBE", "CLRSRF", "OPSKIP", "TLCOMP", "CUTCOM",
     "ARCSLP", "LINTOL", "MAXDPM", "MAXANG", "DISPLY", "PROGRAM", *SWITCHES,
 }  # fmt: skip
-#: Units of feed in mm/s, and of feed per revolution in mm (None: the unit of length of the file).
-FEED_UNITS = {"MMPM": 1.0 / 60.0, "MMPMIN": 1.0 / 60.0, "MPM": 1000.0 / 60.0, "MMPS": 1.0, "IPM": INCH / 60.0,
-              "FPM": 12 * INCH / 60.0}  # fmt: skip
+#: Units of feed in mm/min, and of feed per revolution in mm (None: the unit of length of the file).
+FEED_UNITS = {"MMPM": 1.0, "MMPMIN": 1.0, "MPM": 1000.0, "MMPS": 60.0, "IPM": INCH, "FPM": 12 * INCH}
 REVOLUTION_UNITS = {"MMPR": 1.0, "IPR": INCH, "PERREV": None, "UPR": None}
 #: Cycles that retract from the hole at the feed.
 FEED_OUT = ("BORE", "TAP", "REAM", "THREAD")
 CLOCKWISE, ANTICLOCKWISE = {"CLW", "CLOCKWISE", "CW"}, {"CCLW", "CCW", "ANTICLOCKWISE", "COUNTERCLOCKWISE"}
 #: Least number of arcs tangent in reverse before the assumed sense of rotation is reversed.
 MIN_TANGENT_ARCS = 3
-#: Greatest number of turns of one arc.
-MOST_TURNS = 10_000
 
 
 def recognise(text: str) -> bool:
@@ -69,16 +67,15 @@ def read(text: str, file: Path, options: CamTable) -> CamFile:
     if reader.flipped:
         note = "arcs run against the usual sense of their axis: only so they leave the moves before them smoothly"
         reader.log.note(note, 1)
-    return reader.log.finish(file, name, reader.unit or "not stated", count_lines(text))
+    return reader.log.finish(file, name, ", ".join(reader.state.units) or "not stated", count_lines(text))
 
 
 @dataclass(frozen=True)
 class _Pending:
-    """Arc record before its end point is known: a point on its axis [mm], the axis, sense and turns."""
+    """Arc record before its end point is known: a point on its axis [mm], the axis (right-handed) and turns."""
 
     centre: Point
     normal: Point
-    right_hand: bool
     turns: int = 1
 
 
@@ -88,13 +85,10 @@ class _AptReader:
     def __init__(self, options: CamTable, *, flipped: bool) -> None:
         self.options, self.flipped = options, flipped
         self.line = self.first = 0  # current line, line of the first point
-        self.log, self.state = MoveLog(CHORD_MM, self), State()
+        self.log, self.state = MoveLog(CHORD_MM, self), State(INCH if options.unit == "inch" else 1.0)
+        self.note = self.log.note
         self.machine = Machine(self.state, self.log, frozenset(), frozenset())
-        self.scale = INCH if options.unit == "inch" else 1.0
-        self.unit = ""
-        self.feed: float | None = None
-        self.revolution_feed: float | None = None
-        self.feed_before: tuple[float | None, float | None] = (None, None)
+        self.feed_before: tuple[float | None, int] = (None, 94)
         self.rapid = self.placed = self.nx = self.away = False
         self.cycle: AptCycle | None = None
         self.arc: _Pending | None = None
@@ -113,49 +107,26 @@ class _AptReader:
                 self.nx = self.nx or major.startswith("TOOL PATH")
                 words = re.sub(r"^(PPRINT|REMARK|TPRINT|\$\$)\s*/?\s*", "", record.strip(), flags=re.IGNORECASE)
                 if words:
-                    self.log.add_event("comment", self.line, text=words)
+                    self.log.add_event("comment", text=words)
             elif major.startswith("INSERT"):
                 self.note(f"text for the control is not read: {record[:40]!r}")
             elif major == "FINI":
                 break
             else:
                 self._carry_out(major, minor.strip(), record)
-        self.machine.end(self.line)
-        if not self.unit and self.options.unit is None and self.first:
+        self.machine.end()
+        if not self.state.unit_stated and self.options.unit is None and self.first:
             self.line = self.first
             raise refuse_unit("UNITS, or a unit of FEDRAT")
 
-    def note(self, message: str) -> None:
-        self.log.note(message, self.line)
-
     def _carry_out(self, major: str, minor: str, record: str) -> None:
         """Execute one record."""
-        words = minor.upper()
-        if major == "GOTO":
-            self._goto(read_numbers(minor))
-        elif major == "GODLTA":
-            self._shift(read_numbers(minor))
-        elif major == "RAPID":
-            self.rapid = True
-        elif major in ("FEDRAT", "FEED"):
-            self._set_feed(words)
+        if major in RECORDS:
+            RECORDS[major](self, minor.upper())
         elif major in SWITCHES:
-            self._switch(major, words)
-        elif major in ("UNITS", "UNIT"):
-            self._set_unit(words)
-        elif major == "FROM":
-            self.log.place(*self._point(read_numbers(minor)))
-            self.placed = True
-        elif major == "TLAXIS":
-            self.log.axis = _axis(read_numbers(minor)[:3])
-        elif major in ("CIRCLE", "MOVARC", "ARC"):
-            self._note_arc(words)
-        elif major == "INDIRV":
-            self.direction = _axis(read_numbers(minor)[:3])
+            self._switch(major, minor.upper())
         elif "GOFWD" in major:
-            self._follow_circle(words)
-        elif major == "CYCLE":
-            self._set_cycle(words)
+            self._follow_circle(minor.upper())
         elif major in ("MSYS", "CSYS", "ORIGIN"):
             self.frames.add(tuple(find_numbers(minor)))
             if len(self.frames) > 1 and major == "MSYS":
@@ -168,23 +139,28 @@ class _AptReader:
                 raise InputError(f"{major}/{minor[:30]} turns or shifts the path and is not read; write the path out")
         elif major.startswith("NURB") or major in REFUSED:
             raise InputError(f"{major} is not read; write the path out as GOTO and CIRCLE in the CAM system")
-        elif major == "MODE" and "INCR" in words:
+        elif major == "MODE" and "INCR" in minor.upper():
             raise InputError("MODE/INCR (incremental coordinates) is not read; write absolute coordinates")
         elif "=" in record and major not in SILENT:
             raise InputError(f"part program statement {record[:40]!r} is not read, only cutter location files are")
         elif major in ("CUTCOM", "TLCOMP"):
             self.note(f"{major} is left out: the points are taken as the tool's own, radius compensated already")
-        elif major == "GOHOME":
-            self.note("GOHOME is left out")
-            self.placed, self.away = False, True
         elif major not in SILENT:
             missing = ": holes it drills are missing" if major.startswith("CYCLE") else ""
             self.note(f"record {major[:20]} is not read{missing}")
         self.nx = self.nx or major == "TLDATA"
 
+    def _go_home(self, words: str) -> None:
+        self.note("GOHOME is left out")
+        self.placed, self.away = False, True
+
+    def _go_from(self, words: str) -> None:
+        self.log.place(*self._point(read_numbers(words)))
+        self.placed = True
+
     def _switch(self, major: str, words: str) -> None:
         """Execute a record that switches machine functions, as M codes do."""
-        number, line = next((float(text) for text in NUMBER.findall(words)), None), self.line
+        number = next((float(text) for text in NUMBER.findall(words)), None)
         code = {"STOP": 0.0, "OPSTOP": 1.0}.get(major, number)
         if major == "SPINDL":
             anticlockwise = re.search(r"\bC?CCLW\b|\bCCW\b|COUNTER", words)
@@ -194,13 +170,13 @@ class _AptReader:
             code = 9.0 if "OFF" in words or "NONE" in words else 7.0 if "MIST" in words else 8.0
         if major in ("LOADTL", "LOAD", "TLCHG"):
             self.state.tool, self.state.tool_name = number or 0.0, "" if number is not None else words[:32]
-            self.machine.change_tool(line)
+            self.machine.change_tool()
         elif major in ("DELAY", "DWELL"):
-            self.log.add_event("dwell", line, value=max(number or 0.0, 0.0))
+            self.log.add_event("dwell", value=max(number or 0.0, 0.0))
         elif code in STARTING:
-            self.machine.switch_on([code], line)
+            self.machine.switch_on([code])
         elif code in STOPPING:
-            self.machine.stop([code], line)
+            self.machine.stop([code])
         else:
             self.note(f"AUXFUN/{words[:20]} is not read")
 
@@ -222,11 +198,11 @@ class _AptReader:
             raise InputError(f"{len(numbers)} numbers, expected x, y, z or x, y, z, i, j, k")
         if len(numbers) == 2 and not self.placed:
             raise InputError("x, y without z before any place of the tool is known, expected x, y, z")
-        x, y, z = [*numbers, self.log.position[2] / self.scale][:3]
+        x, y, z = [*numbers, self.log.position[2] / self.state.scale][:3]
         return self._scaled([x, y, z]), _axis(numbers[3:6]) if len(numbers) >= 6 else self.log.axis
 
     def _scaled(self, numbers: list[float]) -> Point:
-        return numbers[0] * self.scale, numbers[1] * self.scale, numbers[2] * self.scale
+        return numbers[0] * self.state.scale, numbers[1] * self.state.scale, numbers[2] * self.state.scale
 
     def _shift(self, numbers: list[float]) -> None:
         """Execute GODLTA: a displacement, or a distance along the tool axis."""
@@ -235,30 +211,30 @@ class _AptReader:
         axis = self.log.axis
         self._begin_cut(axis)
         step = (numbers[0], numbers[1], numbers[2]) if len(numbers) == 3 else combine(numbers[0], axis, 0.0, axis)
-        self._goto(list(combine(1.0 / self.scale, self.log.position, 1.0, step)))
+        self._goto(list(combine(1.0 / self.state.scale, self.log.position, 1.0, step)))
 
     def _set_unit(self, words: str) -> None:
         unit = "inch" if words.startswith("IN") else "mm" if words.startswith(("MM", "MILLI")) else ""
         if not unit:
             raise InputError(f"unit {words!r}, choose from MM, INCHES")
-        self.scale = INCH if unit == "inch" else 1.0
-        self.unit = unit if self.unit in ("", unit) else "mm, inch"
+        self.state.set_unit(INCH if unit == "inch" else 1.0)
 
     def _set_feed(self, words: str) -> None:
         numbers, units = find_numbers(words), re.findall(r"[A-Z]+", words)
         if not numbers:
             self.note(f"feed {words[:20]!r} is not read")
             return
-        self.feed, self.revolution_feed = numbers[0] * self.scale / 60.0, None  # PERMIN, UPM, or no word at all
+        state = self.state
+        state.feed, state.feed_mode = numbers[0] * state.scale, 94  # PERMIN, UPM, or no word at all
         if unit := next((word for word in units if word in FEED_UNITS), ""):
-            self.feed = numbers[0] * FEED_UNITS[unit]
-            if not (self.unit or self.options.unit):  # unit of lengths from the feed
+            state.feed = numbers[0] * FEED_UNITS[unit]
+            if not (state.unit_stated or self.options.unit):  # unit of lengths from the feed
                 if unit[0] == "I" and (self.placed or self.log.waypoints):
                     raise InputError("a feed in inches follows points without a stated unit; state it with --unit")
-                self.unit, self.scale = ("inch", INCH) if unit[0] == "I" else ("mm", 1.0)
-                self.note(f"no unit is stated before the first feed: {self.unit} is taken from it")
+                state.set_unit(INCH if unit[0] == "I" else 1.0)
+                self.note(f"no unit is stated before the first feed: {state.units[0]} is taken from it")
         elif unit := next((word for word in units if word in REVOLUTION_UNITS), ""):
-            self.revolution_feed = numbers[0] * (REVOLUTION_UNITS[unit] or self.scale)
+            state.feed, state.feed_mode = numbers[0] * (REVOLUTION_UNITS[unit] or state.scale), 95
         elif unknown := [word for word in units if word not in ("PERMIN", "UPM", "FEED")]:
             self.note(f"feed unit {unknown[0][:20]!r} is not known: feeds are taken per minute")
         elif not units:
@@ -266,19 +242,17 @@ class _AptReader:
 
     def _speed(self) -> float:
         """Return the feed in mm/s, 0 if unknown."""
-        feed, spindle = self.feed, self.state.spindle
-        if self.revolution_feed is not None:
-            feed = self.revolution_feed * spindle / 60.0 if spindle > 0.0 else None
+        feed = self.state.feed_mm_s(0.0)
         if feed is None:
             self.note("cutting moves before any feed have none")
         return feed or 0.0
 
     def _set_cycle(self, words: str) -> None:
         if self.cycle is not None:
-            self.feed, self.revolution_feed = self.feed_before
+            self.state.feed, self.state.feed_mode = self.feed_before
         self.cycle = None
         if not words.startswith(("OFF", "NOMORE", "ON")):
-            self.feed_before = self.feed, self.revolution_feed
+            self.feed_before = self.state.feed, self.state.feed_mode
             self.cycle = read_cycle(words)
             if self.options.cycles == "expand" and self.cycle.feed:
                 self._set_feed(self.cycle.feed)
@@ -293,7 +267,7 @@ class _AptReader:
         if cycle.depth is None:
             raise InputError(f"CYCLE/{cycle.kind} states no depth (DEPTH, FEDTO), so its holes cannot be cut")
         levels = (cycle.retract, cycle.clear, -cycle.depth)
-        above, begin, bottom = (combine(1.0, point, level * self.scale, axis) for level in levels)
+        above, begin, bottom = (combine(1.0, point, level * self.state.scale, axis) for level in levels)
         log.rapid(above, axis)
         log.rapid(begin, axis)
         log.line(bottom, self._speed(), axis)
@@ -342,12 +316,13 @@ class _AptReader:
         if count > MOST_TURNS:
             raise InputError(f"arc of {count:g} turns, at most {MOST_TURNS} are read")
         turns = max(1, math.ceil(count) if angle else int(count))
-        self.arc = _Pending(self._scaled(numbers), _axis(numbers[3:6]), clockwise == self.flipped, turns)
+        normal = orient(_axis(numbers[3:6]), right_hand=clockwise == self.flipped)
+        self.arc = _Pending(self._scaled(numbers), normal, turns)
 
     def _cut_lettered(self, words: str) -> None:
         """Cut along CIRCLE/X,x,Y,y,Z,z,I,i,J,j,K,k[,CCLW]: end, centre relative to the start; clockwise by default."""
         pairs = re.findall(rf"([XYZIJK])\s*,\s*({DECIMAL})", words)
-        values = {letter: float(number) * self.scale for letter, number in pairs}
+        values = {letter: float(number) * self.state.scale for letter, number in pairs}
         if values.keys().isdisjoint("IJK"):
             raise InputError(f"arc record {words[:40]!r} has no centre, expected I, i, J, j, K, k")
         self._begin_cut(self.log.axis)
@@ -355,7 +330,7 @@ class _AptReader:
         x, y, z = (values.get(letter, old) for letter, old in zip("XYZ", start, strict=True))
         i, j, k = (values.get(letter, 0.0) for letter in "IJK")
         anticlockwise = not ANTICLOCKWISE.isdisjoint(re.findall(r"[A-Z]+", words))
-        pending = _Pending(combine(1.0, start, 1.0, (i, j, k)), self.log.axis, anticlockwise)
+        pending = _Pending(combine(1.0, start, 1.0, (i, j, k)), orient(self.log.axis, right_hand=anticlockwise))
         self._cut_arc(pending, start, (x, y, z), self.log.axis)
 
     def _follow_circle(self, words: str) -> None:
@@ -368,11 +343,12 @@ class _AptReader:
         self._begin_cut(self.log.axis)
         start, middle, normal = self.log.position, self._scaled(centre), self.log.axis
         right_hand = dot(cross(normal, combine(1.0, start, -1.0, middle)), self.direction) > 0.0
-        self._cut_arc(_Pending(middle, normal, right_hand), start, self._scaled(last[-3:]), normal)
+        pending = _Pending(middle, orient(normal, right_hand=right_hand))
+        self._cut_arc(pending, start, self._scaled(last[-3:]), normal)
 
     def _cut_arc(self, pending: _Pending, start: Point, end: Point, axis: Point) -> None:
         """Cut along an arc, and store its end direction for the next arc."""
-        arc = arc_about(start, end, pending.centre, pending.normal, right_hand=pending.right_hand, turns=pending.turns)
+        arc = arc_about(start, end, pending.centre, pending.normal, pending.turns)
         arc.check_circle()
         along = 0.0 if self.before is None else dot(arc.tangent(0.0), self.before)
         if abs(along) > 0.99:  # tangent to the previous move, forwards or in reverse
@@ -382,6 +358,19 @@ class _AptReader:
             self.note("the tool axis turns at the end of an arc, not along it")
             self.log.line(end, self._speed(), axis)
         self.before = arc.tangent(arc.sweep)
+
+
+#: Operation of each record on the text after its slash, in capitals.
+RECORDS: dict[str, Callable[[_AptReader, str], None]] = {
+    "GOTO": lambda reader, words: reader._goto(read_numbers(words)),
+    "GODLTA": lambda reader, words: reader._shift(read_numbers(words)),
+    "RAPID": lambda reader, words: setattr(reader, "rapid", True),
+    **dict.fromkeys(("FEDRAT", "FEED"), _AptReader._set_feed), **dict.fromkeys(("UNITS", "UNIT"), _AptReader._set_unit),
+    "FROM": _AptReader._go_from, "GOHOME": _AptReader._go_home, "CYCLE": _AptReader._set_cycle,
+    "TLAXIS": lambda reader, words: setattr(reader.log, "axis", _axis(read_numbers(words)[:3])),
+    "INDIRV": lambda reader, words: setattr(reader, "direction", _axis(read_numbers(words)[:3])),
+    **dict.fromkeys(("CIRCLE", "MOVARC", "ARC"), _AptReader._note_arc),
+}  # fmt: skip
 
 
 def _axis(vector: list[float]) -> Point:

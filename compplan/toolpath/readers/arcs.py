@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,6 +21,8 @@ MISMATCH_SHARE = 2e-3
 MOST_MISMATCH_MM = 0.5
 #: Greatest plausible coordinate (100 km) and radius of an arc (1 km). [mm]
 FARTHEST, LARGEST_RADIUS = 1e8, 1e6
+#: Greatest number of turns of one arc or helix of a CNC program.
+MOST_TURNS = 10_000
 #: Greatest angle of a circle: 100 turns. [rad]
 MOST_ANGLE = 200.0 * math.pi
 #: Angles [rad] and lengths [mm] below this count as zero.
@@ -97,11 +100,15 @@ def normalise(vector: Point) -> Point:
     return vector[0] / size, vector[1] / size, vector[2] / size
 
 
-def set_level(point: Point, axis: int, level: float) -> Point:
-    """Return a point with the coordinate of one axis replaced."""
-    moved = list(point)
-    moved[axis] = level
-    return moved[0], moved[1], moved[2]
+def orient(axis: Point, *, right_hand: bool) -> Point:
+    """Return the axis about which a rotation is right-handed, from an axis and the sense of the rotation about it."""
+    return axis if right_hand else (-axis[0], -axis[1], -axis[2])
+
+
+def set_levels(point: Point, levels: Mapping[int, float]) -> Point:
+    """Return a point with the coordinates of some axes replaced, by the number of the axis."""
+    x, y, z = (levels.get(axis, level) for axis, level in enumerate(point))
+    return x, y, z
 
 
 def allow_mismatch(radius: float) -> float:
@@ -115,11 +122,10 @@ def count_chords(arc: Arc, chord: float) -> int:
     return int(min(abs(arc.sweep) / angle, 1e9)) + 1
 
 
-def arc_about(start: Point, end: Point, centre: Point, normal: Point, *, right_hand: bool, turns: int = 1) -> Arc:
+def arc_about(start: Point, end: Point, centre: Point, normal: Point, turns: int = 1) -> Arc:
     """Return the arc from start to end about an axis; a full circle if they coincide. [mm]
 
-    The axis passes through the centre along the unit vector `normal`; the arc rotates about it by the right-hand rule,
-    or in the opposite sense.
+    The axis passes through the centre along the unit vector `normal`; the arc rotates about it by the right-hand rule.
     Each of the `turns` beyond the first adds a full turn.
     """
     travel, arm = combine(1.0, end, -1.0, start), combine(1.0, start, -1.0, centre)
@@ -133,15 +139,14 @@ def arc_about(start: Point, end: Point, centre: Point, normal: Point, *, right_h
     sweep = full
     if math.dist(to_start, to_end) >= NOTHING:
         angle = math.atan2(dot(to_end, cross(normal, first)), dot(to_end, first))
-        sweep = (angle if right_hand else -angle) % full or full
-    sweep += full * (turns - 1)
-    return Arc(middle, first, normal, radius, end_radius, sweep if right_hand else -sweep, rise)
+        sweep = angle % full or full
+    return Arc(middle, first, normal, radius, end_radius, sweep + full * (turns - 1), rise)
 
 
-def centre_from_radius(start: Point, end: Point, normal: Point, radius: float, *, right_hand: bool) -> Point:
+def centre_from_radius(start: Point, end: Point, normal: Point, radius: float) -> Point:
     """Return the centre of an arc with given radius; raise a ValueError if no such circle passes through both ends.
 
-    A negative radius selects the longer of the two arcs; the arc rotates about the unit normal of the plane. [mm]
+    A negative radius selects the longer of the two arcs; the arc rotates right-handed about the unit normal. [mm]
     """
     travel = combine(1.0, end, -1.0, start)
     across = combine(1.0, travel, -dot(travel, normal), normal)
@@ -151,9 +156,8 @@ def centre_from_radius(start: Point, end: Point, normal: Point, radius: float, *
         raise ValueError(f"arc of radius R {radius:g} mm cannot join ends that are {chord:g} mm apart, expected 0 < "
                          f"distance <= {2 * size:g} mm; correct R or an end point, or post arcs by centre")  # fmt: skip
     height = math.sqrt(max(radius * radius - 0.25 * chord * chord, 0.0))
-    sign = 1.0 if right_hand == (radius > 0.0) else -1.0
     middle = combine(1.0, start, 0.5, across)
-    return combine(1.0, middle, sign * height / chord, cross(normal, across))
+    return combine(1.0, middle, math.copysign(height, radius) / chord, cross(normal, across))
 
 
 def find_arc(start: Point, via: Point, end: Point, angle: float | None = None) -> Arc:
@@ -174,7 +178,7 @@ def find_arc(start: Point, via: Point, end: Point, angle: float | None = None) -
         raise InputError("start, middle and end of a circle lie on a line")
     offset = combine(vv, cross(normal, u), uu, cross(v, normal))
     centre = combine(1.0, start, 0.5 / (size * size), offset)
-    arc = arc_about(start, end, centre, combine(1.0 / size, normal, 0.0, normal), right_hand=True)
+    arc = arc_about(start, end, centre, combine(1.0 / size, normal, 0.0, normal))
     if arc.radius > LARGEST_RADIUS:
         raise InputError(f"arc of radius {arc.radius:g} mm, at most {LARGEST_RADIUS:g} mm is read")
     if angle is None:

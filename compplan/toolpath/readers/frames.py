@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 
-from compplan.toolpath.readers.arcs import Point, combine, cross, dot, normalise
+from compplan.toolpath.readers.arcs import Point, combine, cross, dot, normalise, set_levels
 
 Rows = tuple[Point, Point, Point]
 UNIT: Rows = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 ORIGIN: Point = (0.0, 0.0, 0.0)
+UP: Point = (0.0, 0.0, 1.0)
 #: Normals of the planes G17 to G19, their first and second axis, and the infeed axis (tool axis).
 PLANE_NORMALS: dict[int, Point] = {17: (0.0, 0.0, 1.0), 18: (0.0, 1.0, 0.0), 19: (1.0, 0.0, 0.0)}
 PLANE_AXES = {17: (0, 1), 18: (2, 0), 19: (1, 2)}
@@ -75,16 +77,6 @@ class Frame:
         """Whether the frame is left-handed."""
         return dot(cross(self.rows[0], self.rows[1]), self.rows[2]) < 0.0
 
-    @property
-    def scale(self) -> float:
-        """Length in the part of a unit of the frame."""
-        return math.sqrt(dot(self.rows[0], self.rows[0]))
-
-
-def shift(x: float, y: float, z: float) -> Frame:
-    """Return a translation [mm]."""
-    return Frame(UNIT, (x, y, z))
-
 
 def rotate(axis: int, degrees: float) -> Frame:
     """Return a right-hand rotation about X, Y or Z (0, 1, 2); quarter turns are exact."""
@@ -100,9 +92,15 @@ def rotate(axis: int, degrees: float) -> Frame:
     return Frame(tuple(tuple(row) for row in rows))  # type: ignore[arg-type]
 
 
-def stretch(x: float, y: float, z: float) -> Frame:
-    """Return a scaling by a factor for each axis; negative factors mirror."""
-    return Frame(((x, 0.0, 0.0), (0.0, y, 0.0), (0.0, 0.0, z)))
+def stretch(scales: Point, centre: Point = ORIGIN) -> Frame:
+    """Return a scaling by a factor for each axis about a point [mm]; negative factors mirror."""
+    x, y, z = (middle * (1.0 - scale) for middle, scale in zip(centre, scales, strict=True))
+    return Frame(((scales[0], 0.0, 0.0), (0.0, scales[1], 0.0), (0.0, 0.0, scales[2])), (x, y, z))
+
+
+def mirror(axes: Iterable[int], centre: Point = ORIGIN) -> Frame:
+    """Return a mirror image along axes about a point [mm]."""
+    return stretch(set_levels((1.0, 1.0, 1.0), dict.fromkeys(axes, -1.0)), centre)
 
 
 def frame_from_normal(first: Point, normal: Point) -> Frame:
@@ -111,12 +109,6 @@ def frame_from_normal(first: Point, normal: Point) -> Frame:
     y = normalise(cross(z, normalise(first)))
     x = cross(y, z)
     return Frame(tuple(zip(x, y, z, strict=True)))  # type: ignore[arg-type]
-
-
-def scale_about(centre: Point, scales: Point) -> Frame:
-    """Return a scaling of each axis about a point [mm]; negative scales mirror."""
-    x, y, z = (centre[axis] * (1.0 - scales[axis]) for axis in range(3))
-    return Frame(((scales[0], 0.0, 0.0), (0.0, scales[1], 0.0), (0.0, 0.0, scales[2])), (x, y, z))
 
 
 def turn_about(centre: Point, turn: Frame) -> Frame:

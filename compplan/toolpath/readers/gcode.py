@@ -12,19 +12,19 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from compplan.errors import InputError
-from compplan.toolpath.readers.arcs import OffCircleError, Point
-from compplan.toolpath.readers.cnc.course import UP
+from compplan.toolpath.readers.arcs import MOST_TURNS, OffCircleError, Point
 from compplan.toolpath.readers.cnc.cycles import begin_cycle, run_cycle
 from compplan.toolpath.readers.cnc.flow import END, CncProgram, Flow
 from compplan.toolpath.readers.cnc.interpreter import COMMON, MOTIONS, Code, Interpreter, ignore, note, refuse, set_mode
-from compplan.toolpath.readers.cnc.motion import CENTRES, CORNERS, MOST_TURNS, PLAIN, STRAIGHT
+from compplan.toolpath.readers.cnc.motion import CORNERS, PLAIN, STRAIGHT
 from compplan.toolpath.readers.cnc.origins import Origins
 from compplan.toolpath.readers.cnc.rs274_lexer import LENGTHS, WITH_COORDINATES, Lexer, owns_words
 from compplan.toolpath.readers.cnc.rs274_macro import Macros
 from compplan.toolpath.readers.cnc.state import INCH, CncBlock, State
+from compplan.toolpath.readers.frames import UP
 from compplan.toolpath.readers.lines import split_lines
 from compplan.toolpath.readers.moves import CamFile
-from compplan.toolpath.readers.options import CamTable, refuse_unit
+from compplan.toolpath.readers.options import CamTable
 
 CENTRE_READINGS = ("incremental", "absolute", "reversed")
 #: Least number of different arcs that lie on circles with another meaning of I J K only, before it is assumed.
@@ -49,9 +49,9 @@ suffixes = (
 #: Words of a move, and those of its end point.
 MOVING, PLACES = frozenset("XYZABCIJKRUVW"), frozenset("XYZABCUVW")
 CYCLES = frozenset({73.0, 74.0, 76.0, *(float(number) for number in range(81, 90))})
-#: Codes that set the unit, and codes whose words are not lengths of the path.
+#: Codes that set the unit, and those with which a block needs none: its words are not lengths of the path.
 UNITS = frozenset({20.0, 21.0, 70.0, 71.0})
-UNITLESS = frozenset({4.0, 10.0, 53.0, 153.0})
+UNITLESS = UNITS | {4.0, 10.0, 53.0, 153.0}
 #: Modal groups; a block may hold one code of each.
 CONTRARY = (
     frozenset({20.0, 21.0}), frozenset({90.0, 91.0}), frozenset({17.0, 18.0, 19.0}), frozenset({93.0, 94.0, 95.0}),
@@ -61,8 +61,6 @@ LENGTH_NOTE = "tool length compensation (G43) is not applied: the path is that o
 HOMING_NOTE = "moves of a printer after homing are travel until X Y Z are known: the path begins where they are"
 #: Block of X Y Z F only, with the extruder of a printer.
 PRINTED = re.compile(PLAIN.pattern + r"(E[-+]?[\d.]+[ \t]*)?")
-#: Codes that are executed before all others of their block, in this order.
-FIRST = (20.0, 21.0, 70.0, 71.0, 90.0, 91.0, 17.0, 18.0, 19.0, 93.0, 94.0, 95.0, 80.0, 98.0, 99.0)
 #: Work offsets of Haas: G110 is G154 P1.
 HAAS_OFFSETS = (110.0, 111.0, *(float(number) for number in range(114, 130)))
 ENDS = frozenset({2.0, 17.0, 30.0, 99.0})
@@ -107,7 +105,7 @@ def read(text: str, file: Path, options: CamTable) -> CamFile:
 class Rs274:
     """Dialect of the RS-274 family: executes the lines and blocks of a program."""
 
-    tip_word = ""
+    tip_word, turns_to_plane, unit_words = "", True, "G20 or G21"
     frames: tuple[str, ...] = ("plane", "rotation", "scale", "mirror", "origin")
     ends, moving = ENDS, MOVING
     silent = frozenset({6.0, 48.0, 49.0, 61.0, 97.0, 98.0, 128.0, 129.0})
@@ -127,13 +125,10 @@ class Rs274:
         """Return the tool axis with all rotary axes at 0."""
         return UP
 
-    def turn_in_plane(self, block: CncBlock) -> tuple[bool, Point | None]:
+    def turn_to_plane(self) -> Point:
         """Orient the tool normal to the tilted plane by rotary words; the position of its tip is then unknown."""
-        if not self.it.tilted:
-            return False, None
-        self.it.state.turn(self.it.rotary.angles, block)
         self.origins.turn_to_plane(53.1, stays=False)
-        return True, self.origins.plane_axis
+        return self.it.plane.turn(UP)
 
     def run_line(self, program: CncProgram, index: int) -> int:
         """Execute a line; return the index of the next one, or END."""
@@ -170,9 +165,8 @@ class Rs274:
         if "E" in values and not state.printer and 187.0 not in codes:
             raise InputError(f"word E{values['E']:g} is read in files of printers only (M104, M109); leave it out")
         state.cancels_length = 49.0 in codes or (values.get("H") == 0.0 and not {43.0, 44.0} & set(codes))
-        stated = state.unit_stated or state.printer or it.options.unit or not (UNITS | UNITLESS).isdisjoint(codes)
-        if not stated and any(values.get(letter, 0.0) != 0.0 for letter in LENGTHS):
-            raise refuse_unit("G20 or G21")
+        if not (state.unit_stated or state.printer) and UNITLESS.isdisjoint(codes):
+            it.check_unit(values.get(letter) for letter in LENGTHS)
         for group in CONTRARY if len(codes) > 1 else ():
             if len(conflicts := sorted(group & set(codes))) > 1:
                 raise InputError(f"G{conflicts[0]:g} and G{conflicts[1]:g} stand in one block, expected one of them")
@@ -180,7 +174,7 @@ class Rs274:
         if "F" in values and 4.0 not in codes:
             state.set_feed(values["F"])
         if machine or 4.0 in codes or "S" in values or "T" in values:
-            it.machine.start(block, it.flow.line)
+            it.machine.start(block)
         calls = 98.0 in machine or 97.0 in machine
         if coordinate_use == "machine":
             self.origins.move_in_machine(block)
@@ -193,7 +187,7 @@ class Rs274:
         if calls:
             self.macros.call_number(values, local=97.0 in machine)
         it.flow.over = it.flow.over or not {2.0, 30.0}.isdisjoint(machine)
-        return it.machine.stop(machine, it.flow.line)
+        return it.machine.stop(machine)
 
     def _give_words(self, block: CncBlock) -> bool:
         """Assign the words of a block to the M code that owns them; return whether the block is complete."""
@@ -207,7 +201,7 @@ class Rs274:
         if owner is None:
             return False
         it.note(f"M{owner:g} is not read")
-        it.log.add_event("comment", it.flow.line, text=f"M{owner:g} of the CAM file")
+        it.log.add_event("comment", text=f"M{owner:g} of the CAM file")
         if MOTIONS.isdisjoint(block.codes):
             return True
         for letter in "STPQ":
@@ -247,8 +241,6 @@ class Rs274:
             values.update({"CR": values["R"]} if "R" in values else {})
         elif "R" in values and values["R"] != 0.0:
             raise InputError(f"R{values['R']:g} in a straight move is not read; a rounded corner is written ,R")
-        elif block.has(CENTRES):
-            it.note("I J K in straight moves are not read")
         unknown = bool(it.course.unknown) and not it.course.suspended
         if state.printer and state.motion == 1.0 and unknown and ("E" not in values or not it.log.waypoints):
             it.note(HOMING_NOTE)
@@ -353,7 +345,6 @@ G_CODES: dict[float | str, Code] = {
     # refused
     **{code: refuse(what) for what, codes in REFUSED.items() for code in codes},
 }  # fmt: skip
-G_CODES |= {code: Code(G_CODES[code].run, rank - len(FIRST)) for rank, code in enumerate(FIRST)}
 
 
 def find_code(code: float | str) -> Code | None:

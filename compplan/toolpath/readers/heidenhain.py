@@ -77,7 +77,7 @@ def read(text: str, file: Path, options: CamTable) -> CamFile:
 class Klartext:
     """Dialect of Heidenhain Klartext: executes the blocks of a program."""
 
-    tip_word = "M128"
+    tip_word, turns_to_plane = "M128", False
     frames: tuple[str, ...] = ("unit", "datum", "plane", "shift", "mirror", "rotation", "scale")
     ends, moving = frozenset({2.0, 30.0}), STRAIGHT
     silent = SILENT
@@ -117,19 +117,12 @@ class Klartext:
             return normal
         return find_spatial(*(angles.get(letter, 0.0) for letter in LETTERS)).turn(normal)
 
-    def turn_in_plane(self, block: CncBlock) -> tuple[bool, Point | None]:
-        """Ignore rotary words that position the rotary axes for a tilted plane; its tool axis is kept."""
-        if not self.it.tilted or (self.it.state.tip_control and "TILT" not in block.names):
-            return False, None
-        self.it.note("A B C in a tilted plane position the rotary axes as the plane asks: its axis is taken")
-        return True, None
-
     def run_line(self, program: CncProgram, index: int) -> int:
         """Execute a block; return the index of the next one, or END."""
         it, block = self.it, program.lines[index]
         it.flow.line, text = block.line, block.text
         if block.comment:
-            it.log.add_event("comment", block.line, text=block.comment)
+            it.log.add_event("comment", text=block.comment)
         index += 1
         if text[:1] == "/":
             it.note("blocks marked with / are read")
@@ -181,7 +174,7 @@ class Klartext:
         elif word.removeprefix("I") in ADDRESSES:  # X+10 alone
             self._move("L", text, self._corner_after(program, index))
         elif text[0] in "*;" or (text[0] == "(" and not self.begun and text.endswith(")")):
-            self.it.log.add_event("comment", self.it.flow.line, text=text[1 : -1 if text[0] == "(" else None].strip())
+            self.it.log.add_event("comment", text=text[1 : -1 if text[0] == "(" else None].strip())
         elif word.startswith("Q") and "=" in text:
             self._assign(text)
             if defining:
@@ -228,7 +221,7 @@ class Klartext:
 
     def _set_unit(self, scale: float) -> None:
         self.words.unit = scale
-        self.it.set_frames(unit=stretch(scale, scale, scale) if scale != 1.0 else None)
+        self.it.set_frames(unit=stretch((scale, scale, scale)) if scale != 1.0 else None)
         self.words.set_feed_scale()
 
     def _assign(self, text: str) -> None:
@@ -246,7 +239,7 @@ class Klartext:
         if number in (*range(9), 13) and lexer.ASSIGN.match(rest):
             self._assign(rest)
         elif number in (14, 20):
-            self.it.log.add_event("call" if number == 20 else "stop", line, text=f"FN {text}"[:60])
+            self.it.log.add_event("call" if number == 20 else "stop", text=f"FN {text}"[:60])
         else:
             for target in re.findall(r"Q[LRS]?\d+", rest)[:1]:
                 self.words.forget(target, f"FN {number} of line {line} sets it")
@@ -261,7 +254,7 @@ class Klartext:
             if re.search(r"REFPNT\s+(CNT|TIP-CNT|CNT-CNT)", rest):
                 raise InputError("TCPM with the centre of the tool as reference (REFPNT CNT) is not read")
         elif rest.startswith("DWELL") and (found := re.search(rf"TIME\s*({lexer.NUMBER})", rest)):
-            self.it.log.add_event("dwell", self.it.flow.line, value=float(found.group(1)))
+            self.it.log.add_event("dwell", value=float(found.group(1)))
         elif SILENT_FUNCTION.match(rest):
             self.it.note(f"FUNCTION {rest.split()[0]} is not read")
         else:
@@ -280,7 +273,7 @@ class Klartext:
             raise InputError(f"cannot read the block {text[:40]!r}")
         with self.words.functions(block) as codes:
             if stops:
-                self.it.log.add_event("stop", self.it.flow.line)
+                self.it.log.add_event("stop")
             self._call_cycle(codes & {89.0, 99.0})
 
     def _call_cycle(self, codes: set[float]) -> None:
@@ -348,17 +341,12 @@ class Klartext:
 
     def set_pole(self, rest: str) -> None:
         """CC: set the pole, or the centre of arcs."""
-        block, state, start = self.words.read(rest), self.it.state, self.it.contour.position
+        block, state = self.words.read(rest), self.it.state
         named = block.list_axes()
         if named and len(named) != 2:
             raise InputError(f"CC names {len(named)} axes, expected 2 (or none: where the tool is)")
         plane = next(plane for plane, axes in PLANE_AXES.items() if set(axes) == set(named)) if named else state.plane
-        place = [0.0, 0.0, 0.0]
-        for axis in PLANE_AXES[plane]:
-            letter = AXES[axis]
-            base = start[axis] if not named or letter in block.relative else 0.0
-            place[axis] = base + block.values.get(letter, 0.0)
-        state.pole, state.pole_plane = (place[0], place[1], place[2]), plane
+        state.pole, state.pole_plane = state.place(block, self.it.contour.position)[0], plane
         with self.words.functions(block):
             pass
 

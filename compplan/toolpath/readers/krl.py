@@ -156,7 +156,7 @@ class _KrlReader:
         raw = program.lines[index]
         statement, comment = clean_line(raw), raw.partition(";")[2].strip()
         if comment and not re.match(r"(END)?FOLD\b|%\{", comment, re.IGNORECASE):  # without folds of the editor
-            self.robot.log.add_event("comment", self.flow.line, text=comment)
+            self.robot.log.add_event("comment", text=comment)
         if statement in ("END", "ENDFCT") or (statement == "RETURN" and not self.robot.blocks):
             return END
         for counter, value in self.counters.items():  # replace counters in indices and bounds by their values

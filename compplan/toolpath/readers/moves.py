@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from array import array
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -85,7 +85,7 @@ class MoveLog:
     """Collect the moves of a file; `chord` is the chord error of arcs [mm], `reader.line` the line that is read."""
 
     chord: float
-    reader: Any = None
+    reader: Any
     position: Point = (0.0, 0.0, 0.0)
     axis: Point = (0.0, 0.0, 1.0)
     counts: dict[str, int] = field(default_factory=lambda: dict.fromkeys(COUNTERS, 0))
@@ -158,8 +158,11 @@ class MoveLog:
         self.arc_length += arc.length
         self.position = end
 
-    def count_one(self, before: Mapping[str, int]) -> None:
-        """Count the pieces of a divided move as one; `before` holds the counts before the move."""
+    @contextmanager
+    def one_move(self) -> Iterator[None]:
+        """Count the pieces of a divided move in this context as one cutting move."""
+        before = dict(self.counts)
+        yield
         for name in ("cutting_moves", "rotary_only_moves"):
             self.counts[name] = min(self.counts[name], before[name] + 1)
 
@@ -174,18 +177,18 @@ class MoveLog:
         self.length = length
         self._holes.append((first, len(self._rows) // WIDTH))
 
-    def note(self, message: str, line: int) -> None:
-        """Note an assumption or a skipped statement."""
-        first, times = self.notes.get(message, (line, 0))
+    def note(self, message: str, line: int | None = None) -> None:
+        """Note an assumption or a skipped statement of a line, by default of the current one."""
+        first, times = self.notes.get(message, (self.reader.line if line is None else line, 0))
         self.notes[message] = (first, times + 1)
 
-    def add_event(self, kind: str, line: int, *, value: float = 0.0, text: str = "") -> None:
+    def add_event(self, kind: str, *, value: float = 0.0, text: str = "") -> None:
         """Append a machine function at the current waypoint."""
         place = len(self._rows) // WIDTH - 1
         if kind == "comment":
             self.comments += 1
             if self.comments > MOST_COMMENTS:
-                self.note(f"comments after the first {MOST_COMMENTS} are not kept", line)
+                self.note(f"comments after the first {MOST_COMMENTS} are not kept")
                 return
         elif len(self.events) - min(self.comments, MOST_COMMENTS) >= MOST_EVENTS:
             raise InputError(f"more than {MOST_EVENTS} events beside motion; no more are read")
@@ -198,8 +201,7 @@ class MoveLog:
             raise InputError(f"more than {MOST_WAYPOINTS} waypoints come out, arcs as their chords; no more are read")
         if not (abs(point[0]) < FARTHEST and abs(point[1]) < FARTHEST and abs(point[2]) < FARTHEST):
             raise InputError(f"coordinate {max(map(abs, point)):g} mm, less than {FARTHEST:g} mm is allowed")
-        line = 0 if self.reader is None else self.reader.line
-        self._rows.extend((*point, *self.axis, feed, rapid, arc, line))
+        self._rows.extend((*point, *self.axis, feed, rapid, arc, self.reader.line))
 
     def _start(self) -> None:
         """Append the start of the first cut if there is no row yet."""

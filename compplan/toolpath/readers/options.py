@@ -27,6 +27,8 @@ Axes = Annotated[list[Literal["A", "B", "C", "-A", "-B", "-C"]], Field(min_lengt
 SHIPPED = Path(__file__).with_name("machines.toml")
 #: Greatest distance between an arc and its chords. [mm]
 CHORD_MM = 0.001
+#: Greatest turn of the tool, or of a rotary axis, between waypoints. [deg]
+TURN_STEP = 1.0
 WCS = r"^[Gg](54\.1|154) ?[Pp]\d{1,3}$|^[Gg](5[4-9](\.\d)?|5\d\d)$"
 
 

@@ -117,7 +117,7 @@ class _RapidReader:
         self.speed_override, self.speed_limit = 1.0, math.inf
         #: Rules of statements; a result END ends the procedure.
         self.rules: list[Rule] = [(re.compile(pattern), run) for pattern, run in (
-            (r"!(.*)", lambda found: robot.log.add_event("comment", self.flow.line, text=found.group(1).strip())),
+            (r"!(.*)", lambda found: robot.log.add_event("comment", text=found.group(1).strip())),
             (r"(ERROR|UNDO|BACKWARD)\b", lambda found: END),
             (r"(RETURN|EXIT)\b", lambda found: 0 if robot.blocks else END),
             (r"(IF|FOR|WHILE|TEST)\b", self._branch), (r"END(IF|FOR|WHILE|TEST)\b", robot.count_block),
@@ -236,7 +236,7 @@ class _RapidReader:
             self.robot.add_call_event(f"{word} {','.join(fields[count + 1 :])}")
         elif word.endswith("DO") and len(fields) >= count + 5:
             state = float(fields[-1].strip() not in ("0", "LOW"))
-            self.robot.log.add_event("output", self.flow.line, value=state, text=fields[-2].strip())
+            self.robot.log.add_event("output", value=state, text=fields[-2].strip())
 
     def _work_object(self, wobj: str) -> Array | None:
         """Return the pose of a work object, None if the module does not state it."""

@@ -20,14 +20,12 @@ from compplan.toolpath.readers.arcs import Point, find_arc, sample_arc
 from compplan.toolpath.readers.cnc.flow import Flow
 from compplan.toolpath.readers.lines import DECIMAL
 from compplan.toolpath.readers.moves import MoveLog
-from compplan.toolpath.readers.options import CHORD_MM, CamTable, find_start
+from compplan.toolpath.readers.options import CHORD_MM, TURN_STEP, CamTable, find_start
 
 #: Number in a robot program, in capitals.
 NUMBER = rf"{DECIMAL}(?:E[-+]?\d+)?"
 #: Greatest depth of nested calls.
 DEEPEST = 20
-#: Greatest turn of the tool between waypoints. [deg]
-TURN_STEP = 1.0
 #: Least change of the tool axis. [rad]
 STEADY = 1e-6
 #: Points on each span of a spline.
@@ -48,6 +46,7 @@ class RobotProgram:
     def __init__(self, file: Path, options: CamTable) -> None:
         self.options, self.flow = options, Flow(file, deepest=DEEPEST)
         self.log = MoveLog(CHORD_MM, self.flow)
+        self.note = self.log.note
         self.blocks = 0
         self.frame = np.eye(4)
         #: Name and pose of the active frame (None: unknown); whether a pose was programmed in a frame.
@@ -59,10 +58,6 @@ class RobotProgram:
         direction = options.tool_direction or "z"
         self.direction = np.array([axis == direction[-1] for axis in "xyz"]) * (-1.0 if direction[0] == "-" else 1.0)
         self.assumed = options.tool_direction is None
-
-    def note(self, message: str) -> None:
-        """Note an assumption or a skipped statement, with the current line."""
-        self.log.note(message, self.flow.line)
 
     def run_statement(self, statement: str, rules: Iterable[Rule]) -> object:
         """Execute a statement by the first rule with a matching pattern; return the result of the rule."""
@@ -94,7 +89,7 @@ class RobotProgram:
     def add_call_event(self, found: Match | str) -> None:
         """Append a statement without equivalent in other languages as an event for the operator."""
         where = "in a loop or a branch: " if self.blocks else ""
-        self.log.add_event("call", self.flow.line, text=where + (found if isinstance(found, str) else found.string))
+        self.log.add_event("call", text=where + (found if isinstance(found, str) else found.string))
 
     def switch(self, kind: str) -> Callable[[Match], None]:
         """Return the rule of an output, a wait (dwell) or a halt (stop); see `add_call_event` for loops and branches.
@@ -109,7 +104,7 @@ class RobotProgram:
             if self.blocks:
                 self.add_call_event(found)
             else:
-                self.log.add_event(kind, self.flow.line, value=value, text=words.get("signal") or "")
+                self.log.add_event(kind, value=value, text=words.get("signal") or "")
 
         return run
 
@@ -206,10 +201,9 @@ class RobotProgram:
 
     def _follow(self, points: Array, start: Array, end: Array, feed: float) -> None:
         """Cut through points with uniform rotation between two poses, counted as one move."""
-        counts = dict(self.log.counts)
         turn = Slerp([0.0, 1.0], Rotation.from_matrix(np.array([start[:3, :3], end[:3, :3]])))
-        self._cut(points, turn(np.arange(1, len(points) + 1) / len(points)), feed)
-        self.log.count_one(counts)
+        with self.log.one_move():
+            self._cut(points, turn(np.arange(1, len(points) + 1) / len(points)), feed)
 
     def _cut(self, points: Array, rotations: Rotation, feed: float) -> None:
         for point, rotation in zip(points, rotations.as_matrix(), strict=True):

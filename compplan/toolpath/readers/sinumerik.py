@@ -6,7 +6,6 @@ A new word is one line of `WORDS`: a G code by its number, any other by its name
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
 from pathlib import Path
 
 from compplan.errors import InputError
@@ -14,23 +13,32 @@ from compplan.toolpath.readers.arcs import Point
 from compplan.toolpath.readers.cnc import sinumerik_program as lexer
 from compplan.toolpath.readers.cnc.cycles import SinumerikCycles
 from compplan.toolpath.readers.cnc.flow import END, CncProgram, Flow
-from compplan.toolpath.readers.cnc.interpreter import COMMON, MOTIONS, MOVING, Code, Interpreter, ignore, refuse
-from compplan.toolpath.readers.cnc.motion import CENTRES, CORNERS, MIDDLES, PLAIN, POLAR
+from compplan.toolpath.readers.cnc.interpreter import (
+    COMMON,
+    MOTIONS,
+    MOVING,
+    Code,
+    Interpreter,
+    ignore,
+    refuse,
+    set_mode,
+)
+from compplan.toolpath.readers.cnc.motion import CORNERS, MIDDLES, PLAIN, POLAR
 from compplan.toolpath.readers.cnc.origins import FRAME_WORDS, Origins, change_frame, swivel
 from compplan.toolpath.readers.cnc.sinumerik_program import FLOW, SinumerikFlow, strip
 from compplan.toolpath.readers.cnc.state import AXES, INCH, CncBlock, State
-from compplan.toolpath.readers.frames import PLANE_NORMALS, Frame
+from compplan.toolpath.readers.frames import PLANE_NORMALS, UP
 from compplan.toolpath.readers.gcode import BEGINNING
 from compplan.toolpath.readers.lines import count_lines, split_lines
 from compplan.toolpath.readers.moves import CamFile
-from compplan.toolpath.readers.options import CamTable, refuse_unit
+from compplan.toolpath.readers.options import CamTable
 
 name = "sinumerik"
 suffixes = (".mpf", ".spf", ".arc")
 
 #: Words with a value that do not affect the programmed path.
 VALUES = {"SPOS", "SPOSA", "LIMS", "ADIS", "ADISPOS", "OVR", "OVRA", "ACC", "CTOL", "OTOL", "DISC", "FL"}
-MARKS = "|".join((*sorted(lexer.HARMLESS - {"FMAX", "TCPM", "STAY"}), lexer.CHANGING))
+MARKS = "|".join((*sorted(lexer.HARMLESS), lexer.CHANGING))
 #: Marks of Sinumerik programs, some of which also occur in G-code of other controls.
 SURE = re.compile(
     r"^[ \t]*%_N_\w+_(MPF|SPF)|^;\$PATH=|\b(CYCLE|POCKET|SLOT|HOLES|LONGHOLE)\d*[ \t]*\(|\bGOTO[FB][ \t]+\w|\bSUPA\b|"
@@ -61,7 +69,6 @@ REFUSED = re.compile(
     r"[ABC]SPLINE|POLY|POLYPATH|INVCC?W|A?ROTS?|CROTS?|TRANSMIT\w*|TRACYL\w*|TRAANG|TRACON|TOFRAME\w?|TOROT\w?|PAROT|"
     r"MEAS|MEAW|DIAMON|ROTATION|OFFN|CORROF|PTP|EAUTO|ENAT|BAUTO|BNAT|MEAC|TANG\w*|ORIPATH\w*|ORICON\w*|COUPON"
 )
-NO_UNIT = "G70, G71, G700 or G710; the control's own setting is not in the file"
 
 
 def recognise(text: str) -> int:
@@ -84,20 +91,20 @@ def read(text: str, file: Path, options: CamTable) -> CamFile:
 class Sinumerik:
     """Dialect of Sinumerik controls: executes the lines and blocks of a program."""
 
-    tip_word = "TRAORI"
+    tip_word, turns_to_plane = "TRAORI", False
+    unit_words = "G70, G71, G700 or G710; the control's own setting is not in the file"
     frames: tuple[str, ...] = ("shift", "plane", "program", "origin")
     ends, moving = frozenset({2.0, 17.0, 30.0}), MOVING
     silent = frozenset(map(float, (6, 40, 41, 42, 43, 44, 45, 70, 19, 10, 11, 21, 22)))
 
     def __init__(self, file: Path, options: CamTable) -> None:
         scale = INCH if options.unit == "inch" else 1.0
-        self.stated = False
-        self.it = Interpreter(file, options, State(scale, feed_scale=scale, motion=1.0), self, Flow(file))
+        self.it = Interpreter(file, options, State(scale, feed_scale=scale), self, Flow(file))
         self.origins = Origins(self.it)
         self.values = lexer.SinumerikBlocks(self.it)
         self.evaluate = self.values.evaluate
         self.flow = SinumerikFlow(self.it, self.values)
-        self.cycles = SinumerikCycles(self.it, self.evaluate, self.check_unit)
+        self.cycles = SinumerikCycles(self.it, self.evaluate)
 
     def run(self, text: str) -> None:
         """Execute the first main program of a file."""
@@ -105,23 +112,7 @@ class Sinumerik:
 
     def square(self) -> Point:
         """Return the tool axis with all rotary axes at 0."""
-        return self.point_square(17)
-
-    def point_square(self, plane: int) -> Point:
-        """Return the tool axis of G17 to G19 in the active swivelled plane."""
-        return self.it.frames.get("plane", Frame()).turn(PLANE_NORMALS[plane])
-
-    def turn_in_plane(self, block: CncBlock) -> tuple[bool, Point | None]:
-        """Ignore rotary words that position the rotary axes for a swivelled plane; its tool axis is kept."""
-        if not self.it.tilted or self.it.state.tip_control:
-            return False, None
-        self.it.note("A B C in a swivelled plane position the rotary axes as the plane asks: its axis is taken")
-        return True, None
-
-    def check_unit(self, lengths: Iterable[float | None]) -> None:
-        """Refuse non-zero lengths if neither the program so far nor the options state their unit."""
-        if not self.it.state.unit_stated and self.it.options.unit is None and any(lengths):
-            raise refuse_unit(NO_UNIT)
+        return self.it.plane.turn(UP)
 
     def run_line(self, program: CncProgram, index: int) -> int:
         """Execute a line; return the index of the next one, or END."""
@@ -133,7 +124,7 @@ class Sinumerik:
         it.steady = False
         body, comment = lexer.cut_comment(raw)
         if comment and not comment.startswith("$PATH"):
-            it.log.add_event("comment", it.flow.line, text=comment)
+            it.log.add_event("comment", text=comment)
         text = body.upper()
         if not text or text[0] == "%":
             return index + 1
@@ -150,7 +141,7 @@ class Sinumerik:
             return self.flow.run_flow(word.group(1), text, raw, program, index)
         block = self.values.split(text, home=HOME.search(text) is not None)
         ended = self.run_block(block, raw)
-        it.steady = self.stated and self.cycles.modal is None and it.motion.is_steady()
+        it.steady = self.cycles.modal is None and it.motion.is_steady()
         return END if ended else index + 1
 
     def run_block(self, block: CncBlock, raw: str) -> bool:
@@ -162,7 +153,7 @@ class Sinumerik:
             if len(names) > 1 or block.codes or block.calls:
                 raise InputError(f"{frame} stands in a block with other words, expected it alone")
             if frame.endswith("TRANS"):
-                self.check_unit(values.get(letter) for letter in AXES)
+                it.check_unit(values.get(letter) for letter in AXES)
             change_frame(it, frame, block)
             return False
         modal = "MCALL" in names
@@ -182,7 +173,7 @@ class Sinumerik:
             raise InputError("two motions stand in one block, expected one")
         coordinate_use = it.run_words(block, (*block.codes, *names), find_word)
         if block.machine or 4.0 in block.codes or "S" in values or "T" in values:
-            it.machine.start(block, it.flow.line)
+            it.machine.start(block)
         if values and self._move(block, coordinate_use) and self.cycles.modal:
             self.cycles.drill(*self.cycles.modal)
         for called, arguments in block.calls:
@@ -190,10 +181,10 @@ class Sinumerik:
                 it.control_tip(True)
             elif called == "CYCLE800":
                 swivel(it, [0.0 if not text or text[0] == '"' else self.evaluate(text) for text in arguments])
-                it.course.set_tool_axis(self.point_square(it.state.plane))
+                it.course.set_tool_axis(it.plane.turn(PLANE_NORMALS[it.state.plane]))
             elif not self.cycles.run(called, arguments, modal=modal):
                 self._call(called, arguments, values.get("P", 1.0))
-        return it.machine.stop(block.machine, it.flow.line)
+        return it.machine.stop(block.machine)
 
     def _move(self, block: CncBlock, coordinate_use: str) -> bool:
         """Execute the motion of a block; return whether it moves the tool."""
@@ -213,14 +204,12 @@ class Sinumerik:
                     raise InputError(f"{letter} of a move in machine coordinates is not known; write its angle")
             it.leave_out_machine_move(block, "SUPA, G53, G153, G74, G75")
             return False
-        self.check_unit(values.get(name) for name in LENGTHS)
-        if not self.stated and not it.log.waypoints:
+        it.check_unit(values.get(name) for name in LENGTHS)
+        if state.motion is None:
             it.note("coordinates before any G0 or G1 are read as G1")
-        if state.motion in (0.0, 1.0):
-            if block.has(OF_ARCS):
-                raise InputError("words of an arc (CR, AR, TURN) in a straight block")
-            if block.has(CENTRES):
-                it.note("I J K in straight moves are not read")
+            state.motion = 1.0
+        if state.motion in (0.0, 1.0) and block.has(OF_ARCS):
+            raise InputError("words of an arc (CR, AR, TURN) in a straight block")
         it.motion.move(block)
         return True
 
@@ -240,10 +229,6 @@ class Sinumerik:
                     self.values.names.add(name)
                     self.values.numbers[name, ()] = value
             self.it.call(called, 1.0 if values else times)
-
-    def set_motion(self, block: CncBlock, code: float | str) -> None:
-        """G0 to G3, CIP, CT: set the modal motion."""
-        self.it.state.motion, self.stated = code, True
 
     def set_plane(self, block: CncBlock, code: float) -> None:
         """G17 to G19: set the working plane."""
@@ -268,20 +253,18 @@ class Sinumerik:
         state = self.it.state
         last = state.pole or (0.0, 0.0, 0.0)
         base = {110.0: self.it.contour.position, 111.0: (0.0, 0.0, 0.0), 112.0: last}[code]
-        point = list(base)
-        for axis in block.list_axes():
-            number = block.values[AXES[axis]] * state.scale
-            point[axis] = number if AXES[axis] in block.absolute else base[axis] + number
         if block.has(POLAR):
             raise InputError("a pole in polar coordinates is not read")
-        state.pole = point[0], point[1], point[2]
+        block.relative.update({*AXES} - block.absolute)
+        state.pole = state.place(block, base)[0]
 
 
 UNREAD = refuse("it changes the path or its frame")
 OFFSET = Code(lambda dialect, block, code: dialect.origins.use(code))
 WORDS: dict[float | str, Code] = {
     **COMMON,
-    **dict.fromkeys((*MOTIONS, "CIP", "CT"), Code(Sinumerik.set_motion, 1)),
+    **{motion: set_mode(1, motion=motion) for motion in MOTIONS},
+    **{word: set_mode(1, motion=word) for word in ("CIP", "CT")},
     **dict.fromkeys((17.0, 18.0, 19.0), Code(Sinumerik.set_plane)),
     **dict.fromkeys((70.0, 71.0, 700.0, 710.0, 20.0, 21.0), Code(Sinumerik.set_unit)),
     **dict.fromkeys((74.0, 75.0, "SUPA"), ignore("machine")),
@@ -292,7 +275,7 @@ WORDS: dict[float | str, Code] = {
     # no effect on the path
     **dict.fromkeys(map(float, (43, 49, 60, 62, 63, 80, 140, 141, 142, 143, 290, 340, 341, 450,
                                 451, 460, 461, 462, 601, 602, 603, 621, *range(640, 646), 961, 971)), ignore()),
-    **dict.fromkeys((*lexer.HARMLESS - {"TRAORI", "TRAFOOF"}, *VALUES, "DIAM90"), ignore()),
+    **dict.fromkeys((*lexer.HARMLESS, *VALUES), ignore()),
     # refused
     **dict.fromkeys(map(float, (5, 7, 12, 35, 58, 59, 68, 92, 147, 148, 247, 248, 291, 331, 332, 347, 348)), UNREAD),
 }  # fmt: skip

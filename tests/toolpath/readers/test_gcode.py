@@ -82,9 +82,9 @@ def test_chords_keep_to_the_arc_and_hold_its_extremes(
     sense = 1 if counter else -1
     first = (radius * np.cos(start), radius * np.sin(start), 0.0)
     last = (radius * np.cos(start + sense * sweep), radius * np.sin(start + sense * sweep), rise)
-    arc = arc_about(first, last, (0.0, 0.0, 7.0), (0.0, 0.0, 1.0), right_hand=counter)
+    arc = arc_about(first, last, (0.0, 0.0, 7.0), (0.0, 0.0, 1.0 if counter else -1.0))
     points = np.vstack([first, sample_arc(arc, chord)])
-    assert arc.sweep == pytest.approx(sense * sweep)
+    assert arc.sweep == pytest.approx(sweep)
     assert points[-1] == pytest.approx(last, abs=1e-9)
     assert np.hypot(*points[:, :2].T) == pytest.approx(radius)
     middle = 0.5 * (points[1:] + points[:-1])

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from compplan.errors import InputError
-from compplan.toolpath.readers.arcs import Point, combine, cross, dot, normalise
+from compplan.toolpath.readers.arcs import Point, combine, cross, dot, normalise, orient
 from compplan.toolpath.readers.cnc.course import Course
 
 #: Least change of direction of a corner. [rad]
@@ -21,19 +21,15 @@ LEANING = 1e-6
 class Element:
     """Line (no centre) or arc of a contour, in program coordinates [mm]; feed in mm/s.
 
-    `named` are the axes of the end point with absolute coordinates. An arc rotates about its normal, right-handed or
-    left-handed, by at most a full circle, plus the `turns` beyond the first. `axis` is the tool axis at the end in the
-    part (None: unchanged); `run` executes an element on which rotary axes turn.
+    An arc rotates right-handed about its normal by at most a full circle, plus the `turns` beyond the first. `axis` is
+    the tool axis at the end in the part (None: unchanged); `run` executes an element on which rotary axes turn.
     """
 
     start: Point
     end: Point
-    named: tuple[int, ...]
     feed: float
-    line: int
     centre: Point | None = None
     normal: Point = (0.0, 0.0, 1.0)
-    right_hand: bool = True
     turns: int = 1
     axis: Point | None = None
     rapid: bool = False
@@ -43,8 +39,7 @@ class Element:
         """Return the unit tangent at a point of the element."""
         if self.centre is None:
             return normalise(combine(1.0, self.end, -1.0, self.start))
-        along = cross(self.normal, combine(1.0, place, -1.0, self.centre))
-        return normalise(along if self.right_hand else (-along[0], -along[1], -along[2]))
+        return normalise(cross(self.normal, combine(1.0, place, -1.0, self.centre)))
 
 
 @dataclass(frozen=True)
@@ -86,9 +81,9 @@ class Contour:
         """Whether neither an element nor an approach is held."""
         return self.held is None and self.approach is None
 
-    def wait(self, approach: Approach, target: Point, line: int) -> None:
+    def wait(self, approach: Approach, target: Point) -> None:
         """Hold an approach to a point until the first element of the contour."""
-        self.approach, self.target, self.first = approach, target, line
+        self.approach, self.target, self.first = approach, target, self.course.reader.line
 
     def add(self, element: Element, corner: Corner | None = None) -> None:
         """Add an element, with the corner at its end if there is one."""
@@ -124,14 +119,13 @@ class Contour:
     def _put(self, element: Element) -> None:
         course = self.course
         if element.rapid:
-            course.rapid(element.end, element.named, element.axis)
+            course.rapid(element.end, range(3), element.axis)
         elif element.run is not None:
             element.run()
         elif element.centre is None:
-            course.line(element.end, element.named, element.feed, element.axis)
+            course.line(element.end, element.feed, element.axis)
         else:
-            about = (element.centre, element.normal, element.right_hand, element.turns)
-            course.arc(element.end, element.named, element.feed, *about)
+            course.arc(element.end, element.feed, element.centre, element.normal, element.turns)
 
 
 def join_corner(before: Element, corner: Corner, after: Element) -> tuple[Element, Element | None, Element]:
@@ -165,13 +159,12 @@ def join_corner(before: Element, corner: Corner, after: Element) -> tuple[Elemen
             raise ValueError(f"a corner of {corner.size:g} takes {reach:g} of moves of {shortest:g}")
         first, last = combine(1.0, point, -reach, one), combine(1.0, point, reach, other)
         middle = combine(1.0, first, corner.size, cross(normal, one)) if corner.kind == "ROUND" else None
-        right_hand = True
     else:
         if corner.kind != "ROUND" or max(abs(dot(one, normal)), abs(dot(other, normal))) > LEANING:
             raise ValueError("a chamfer beside an arc, or a corner out of the plane of its arc, is not read")
-        right_hand = dot(across, normal) > 0.0
-        middle, first, last = _find_rounding(before, after, corner.size, normal, right_hand=right_hand)
-    joint = Element(first, last, before.named, feed, corner.line, middle, normal, right_hand)
+        normal = orient(normal, right_hand=dot(across, normal) > 0.0)
+        middle, first, last = _find_rounding(before, after, corner.size, normal)
+    joint = Element(first, last, feed, middle, normal)
     return replace(before, end=first), joint, replace(after, start=last)
 
 
@@ -179,10 +172,11 @@ def join_corner(before: Element, corner: Corner, after: Element) -> tuple[Elemen
 Flat = tuple[complex, complex | float]
 
 
-def _find_rounding(
-    before: Element, after: Element, radius: float, normal: Point, *, right_hand: bool
-) -> tuple[Point, Point, Point]:
-    """Return centre, start and end of the arc of given radius tangent to two elements on the inside of their corner."""
+def _find_rounding(before: Element, after: Element, radius: float, normal: Point) -> tuple[Point, Point, Point]:
+    """Return centre, start and end of the arc of given radius tangent to two elements on the inside of their corner.
+
+    The corner turns right-handed about `normal`.
+    """
     corner, u = before.end, before.tangent(before.end)
     v = cross(normal, u)
 
@@ -193,9 +187,9 @@ def _find_rounding(
     def move_inwards(element: Element) -> Flat:
         if element.centre is None:
             way = flatten(combine(1.0, corner, 1.0, element.tangent(corner)))
-            return 1j * left * way, way
+            return 1j * radius * way, way
         centre = flatten(element.centre)
-        return centre, abs(abs(centre) + (-left if element.right_hand else left))
+        return centre, abs(abs(centre) - radius * dot(element.normal, normal))
 
     def touch(element: Element, centre: complex) -> complex | None:
         """Return the tangent point of an arc about a centre on an element, None beyond its ends."""
@@ -204,13 +198,12 @@ def _find_rounding(
             way = (end - start) / abs(end - start)
             along = ((centre - start) * way.conjugate()).real
             return start + along * way if -1e-6 <= along <= abs(end - start) + 1e-6 else None
-        middle, sense = flatten(element.centre), 1.0 if element.right_hand else -1.0
+        middle, sense = flatten(element.centre), dot(element.normal, normal)
         place = middle + (centre - middle) * abs(start - middle) / max(abs(centre - middle), 1e-12)
         part, whole = (sense * cmath.phase((to - middle) / (start - middle)) % math.tau for to in (place, end))
         whole = math.tau if element.turns > 1 or abs(end - start) < 1e-9 else whole
         return place if part <= whole + 1e-6 or abs(place - start) < 1e-6 else None
 
-    left = radius if right_hand else -radius
     found: list[tuple[float, list[complex]]] = []
     for centre in _intersect(move_inwards(before), move_inwards(after)):
         first, last = touch(before, centre), touch(after, centre)
@@ -239,8 +232,8 @@ def _intersect(one: Flat, other: Flat) -> list[complex]:
     return [centre + to / abs(to) * complex(along, s * across) for s in (1, -1)] if abs(along) <= radius + 1e-9 else []
 
 
-def find_tangent_arc(start: Point, direction: Point, end: Point, normal: Point) -> tuple[Point, bool] | None:
-    """Return centre and sense (right-hand) of the arc with a given start direction and end point; None if straight.
+def find_tangent_arc(start: Point, direction: Point, end: Point, normal: Point) -> tuple[Point, Point] | None:
+    """Return centre and right-hand axis of the arc with a given start direction and end point; None if straight.
 
     Direction and normal of the plane are unit vectors.
     """
@@ -251,4 +244,4 @@ def find_tangent_arc(start: Point, direction: Point, end: Point, normal: Point) 
     if abs(aside) < 1e-9 * max(1.0, math.hypot(*travel)):
         return None
     radius = dot(travel, travel) / (2.0 * aside)
-    return combine(1.0, start, radius, left), radius > 0.0
+    return combine(1.0, start, radius, left), orient(normal, right_hand=radius > 0.0)

@@ -11,16 +11,13 @@ from collections.abc import Iterable, Sequence
 from typing import Any
 
 from compplan.errors import InputError
-from compplan.toolpath.readers.arcs import Point, arc_about, combine, cross, dot, normalise
-from compplan.toolpath.readers.frames import ORIGIN, UNIT, Frame
+from compplan.toolpath.readers.arcs import Point, arc_about, combine, cross, dot, normalise, orient
+from compplan.toolpath.readers.frames import ORIGIN, UNIT, UP, Frame
 from compplan.toolpath.readers.moves import MoveLog
-from compplan.toolpath.readers.options import CHORD_MM, CamTable, find_start
+from compplan.toolpath.readers.options import CHORD_MM, TURN_STEP, CamTable, find_start
 
-#: Greatest turn of the tool between waypoints. [deg]
-TURN_STEP = 1.0
 #: Least change of the tool axis. [rad]
 STEADY = 1e-9
-UP: Point = (0.0, 0.0, 1.0)
 
 
 class Course:
@@ -29,6 +26,7 @@ class Course:
     def __init__(self, reader: Any, options: CamTable, *, starts_at_zero: bool = False) -> None:
         self.reader, self.options, self.starts_at_zero = reader, options, starts_at_zero
         self.log = MoveLog(CHORD_MM, reader)
+        self.note = self.log.note
         self.frame = Frame()
         self.position: Point = (0.0, 0.0, 0.0)
         #: Axes with unknown coordinate; True after a machine move, False if the program has not stated it yet.
@@ -45,10 +43,6 @@ class Course:
         #: Two points in program coordinates whose difference is the direction at the end of the last cut; None
         #: if the last move was not a cut.
         self.last_direction: tuple[Point, Point] | None = None
-
-    def note(self, message: str) -> None:
-        """Note an assumption or a skipped statement, with the current line."""
-        self.log.note(message, self.reader.line)
 
     def use(self, frame: Frame) -> None:
         """Activate a frame; the tool does not move, its coordinates are converted."""
@@ -173,7 +167,7 @@ class Course:
         if unknown and not self.suspended:
             find_start(self.position, unknown, None, self.reason)
 
-    def leave_out(self, target: Point, named: Iterable[int] = ()) -> bool:
+    def leave_out(self, target: Point) -> bool:
         """Leave out a cut if moves are suspended; return whether they are."""
         if not self.suspended:
             return False
@@ -181,36 +175,33 @@ class Course:
             raise InputError(refusal)
         self.left_out += 1
         self.position = target
-        self.mark_known(named)
         return True
 
-    def line(self, target: Point, named: Iterable[int], feed: float, axis: Point | None = None) -> None:
+    def line(self, target: Point, feed: float, axis: Point | None = None) -> None:
         """Cut straight to a position with a feed in mm/s; the tool axis moves to `axis` on the great circle."""
-        if self.leave_out(target, named):
+        if self.leave_out(target):
             return
         if self.unknown:
             self.begin_cut()
         start, end = self.frame.apply(self.position), self.frame.apply(target)
         angle = 0.0 if axis is None else _angle(self.log.axis, axis)
         if axis is not None and angle > math.radians(TURN_STEP):
-            counts, before = dict(self.log.counts), self.log.axis
-            pieces = math.ceil(math.degrees(angle) / TURN_STEP - 1e-9)
-            for share in (piece / pieces for piece in range(1, pieces + 1)):  # on the great circle
-                point = end if share == 1.0 else combine(1.0 - share, start, share, end)
-                from_before, to_axis = (math.sin(part * angle) / math.sin(angle) for part in (1.0 - share, share))
-                way = axis if share == 1.0 else combine(from_before, before, to_axis, axis)
-                self.log.line(point, feed, way)
-            self.log.count_one(counts)
+            pieces, before = math.ceil(math.degrees(angle) / TURN_STEP - 1e-9), self.log.axis
+            with self.log.one_move():
+                for share in (piece / pieces for piece in range(1, pieces)):  # on the great circle
+                    from_before, to_axis = (math.sin(part * angle) / math.sin(angle) for part in (1.0 - share, share))
+                    way = combine(from_before, before, to_axis, axis)
+                    self.log.line(combine(1.0 - share, start, share, end), feed, way)
+                self.log.line(end, feed, axis)
         else:
             self.log.line(end, feed, axis)
         if math.dist(start, end) > 1e-9:
             self.last_direction = self.position, target
         self.position = target
 
-    def arc(self, target: Point, named: Iterable[int], feed: float, centre: Point, normal: Point, right_hand: bool,
-            turns: int) -> None:  # fmt: skip
-        """Cut along an arc or a helix, given in program coordinates."""
-        if self.leave_out(target, named):
+    def arc(self, target: Point, feed: float, centre: Point, normal: Point, turns: int) -> None:
+        """Cut along an arc or a helix about a centre, right-handed about a normal, given in program coordinates."""
+        if self.leave_out(target):
             return
         if self.unknown:
             self.begin_cut()
@@ -218,12 +209,11 @@ class Course:
         if frame.rows is not UNIT and not frame.similar:
             raise InputError("an arc under a scale that differs between axes would be an ellipse and is not read")
         start, end, unit = frame.apply(self.position), frame.apply(target), normalise(frame.turn(normal))
-        hand = right_hand != frame.mirrored
-        arc = arc_about(start, end, frame.apply(centre), unit, right_hand=hand, turns=turns)
+        arc = arc_about(start, end, frame.apply(centre), orient(unit, right_hand=not frame.mirrored), turns)
         arc.check_circle()
         self.log.arc(arc, end, feed)
         along = cross(normal, combine(1.0, target, -1.0, centre))
-        self.position, self.last_direction = target, (ORIGIN, along) if right_hand else (along, ORIGIN)
+        self.position, self.last_direction = target, (ORIGIN, along)
 
 
 def _angle(before: Point, after: Point) -> float:

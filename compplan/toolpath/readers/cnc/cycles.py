@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from compplan.errors import InputError
-from compplan.toolpath.readers.arcs import Point, set_level
+from compplan.toolpath.readers.arcs import Point, set_levels
 from compplan.toolpath.readers.cnc.course import Course
 from compplan.toolpath.readers.cnc.interpreter import Interpreter
 from compplan.toolpath.readers.cnc.state import AXES, CncBlock
@@ -79,24 +79,24 @@ def drill(course: Course, hole: Hole, name: str) -> None:
     if course.options.cycles == "expand":
         go_to_level(course, hole.axis, hole.clear)
         course.begin_cut()
-        if not course.leave_out(set_level(course.position, hole.axis, hole.bottom)):
-            place, log, line = course.position, course.log, course.reader.line
+        if not course.leave_out(set_levels(course.position, {hole.axis: hole.bottom})):
+            place, log = course.position, course.log
             for deeper in (*hole.pecks, hole.bottom):
-                course.line(set_level(place, hole.axis, deeper), (), hole.feed)
+                course.line(set_levels(place, {hole.axis: deeper}), hole.feed)
                 if deeper != hole.bottom:
                     back = min(deeper + PECK_CLEARANCE_MM, hole.clear)
                     for level in (hole.clear, back) if hole.lifts else (back,):
-                        course.rapid(set_level(place, hole.axis, level))
+                        course.rapid(set_levels(place, {hole.axis: level}))
             if hole.wait > 0.0:
-                log.add_event("dwell", line, value=hole.wait)
+                log.add_event("dwell", value=hole.wait)
             if hole.turn[0]:
-                log.add_event(hole.turn[0], line, value=hole.speed)
+                log.add_event(hole.turn[0], value=hole.speed)
             if hole.out is not None:
-                course.line(set_level(place, hole.axis, hole.clear), (), hole.out)
+                course.line(set_levels(place, {hole.axis: hole.clear}), hole.out)
             elif hole.by_clear:
                 go_to_level(course, hole.axis, hole.clear)
             if hole.turn[1]:
-                log.add_event(hole.turn[1], line, value=hole.speed)
+                log.add_event(hole.turn[1], value=hole.speed)
     else:
         course.note(f"drilling cycle {name} {SKIPPED}")
     go_to_level(course, hole.axis, hole.top)
@@ -104,7 +104,7 @@ def drill(course: Course, hole: Hole, name: str) -> None:
 
 def go_to_level(course: Course, axis: int, level: float) -> None:
     """Move rapidly along an axis."""
-    course.rapid(set_level(course.position, axis, level), (axis,))
+    course.rapid(set_levels(course.position, {axis: level}), (axis,))
 
 
 def list_pecks(clear: float, bottom: float, first: float, less: float, least: float) -> list[float]:
@@ -211,8 +211,8 @@ def _run_hole(it: Interpreter, code: float, target: Point, named: tuple[int, ...
     level = max(start if course.unknown.get(axis) else course.position[axis], clear)
     course.mark_known((axis,))
     if level > course.position[axis] and not course.unknown:
-        course.rapid(set_level(course.position, axis, level))
-    course.rapid(set_level(target, axis, level), named)
+        course.rapid(set_levels(course.position, {axis: level}))
+    course.rapid(set_levels(target, {axis: level}), named)
     feed, wait = it.motion.feed(abs(clear - bottom)), words.get("P", 0.0) if code in DWELLING else 0.0
     hole = Hole(
         axis, clear, bottom, max(start, clear) if state.retract_to_start else clear, feed,
@@ -232,8 +232,8 @@ def _run_hole(it: Interpreter, code: float, target: Point, named: tuple[int, ...
 class SinumerikCycles:
     """Drilling cycles of Sinumerik programs: CYCLE81 to 89 and 840, MCALL, HOLES1, HOLES2, CYCLE801."""
 
-    def __init__(self, it: Interpreter, evaluate: Callable[[str], float], check_unit: Callable[..., None]) -> None:
-        self.it, self.evaluate, self.check_unit = it, evaluate, check_unit
+    def __init__(self, it: Interpreter, evaluate: Callable[[str], float]) -> None:
+        self.it, self.evaluate = it, evaluate
         #: Cycle that is called at every following position (MCALL).
         self.modal: tuple[str, Numbers] | None = None
 
@@ -262,7 +262,7 @@ class SinumerikCycles:
         """
         it, scale = self.it, self.it.state.scale
         it.contour.refuse_open()
-        self.check_unit(numbers[:5])
+        it.check_unit(numbers[:5])
         rtp, rfp, sdis, dp, dpr = (None if number is None else number * scale for number in numbers[:5])
         if rtp is None or (dp is None and not dpr):
             raise InputError(f"{called} states no retract plane or no depth, expected RTP, RFP, SDIS, DP, DPR")
@@ -281,7 +281,6 @@ class SinumerikCycles:
             feed = out = it.motion.feed(0.0)
         axis, clear = DEEP_AXIS[it.state.plane], surface + sense * abs(sdis or 0.0)
         with it.log.hole():
-            go_to_level(it.course, axis, clear)
             drill(it.course, Hole(axis, clear, bottom, rtp, feed, out if DRILLING[called] else None), called)
 
     def _drill_pattern(self, called: str, n: list[float]) -> None:
@@ -298,6 +297,6 @@ class SinumerikCycles:
         first, second = PLANE_AXES[self.it.state.plane]
         self.it.contour.refuse_open()
         for u, v, _ in places:
-            place = set_level(self.it.course.position, first, u * self.it.state.scale)
-            self.it.course.rapid(set_level(place, second, v * self.it.state.scale), (first, second))
+            levels = {first: u * self.it.state.scale, second: v * self.it.state.scale}
+            self.it.course.rapid(set_levels(self.it.course.position, levels), (first, second))
             self.drill(*self.modal)

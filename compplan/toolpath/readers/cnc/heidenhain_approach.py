@@ -7,7 +7,7 @@ import math
 from collections.abc import Mapping
 
 from compplan.errors import InputError
-from compplan.toolpath.readers.arcs import Point, set_level
+from compplan.toolpath.readers.arcs import Point, orient, set_levels
 from compplan.toolpath.readers.cnc.contour import Element
 from compplan.toolpath.readers.cnc.heidenhain_words import KlartextWords
 from compplan.toolpath.readers.cnc.interpreter import Interpreter
@@ -49,7 +49,7 @@ def find_begin(kind: str, values: Mapping[str, float], side: float, far: complex
 
 def run_approach(it: Interpreter, words: KlartextWords, rest: str, *, leaves: bool = False) -> None:
     """Execute APPR, whose moves are held until the first element of the contour, or DEP, which is APPR reversed."""
-    what, plane, line, axis = "DEP" if leaves else "APPR", it.state.plane, it.flow.line, words.tool_axis
+    what, plane, axis = "DEP" if leaves else "APPR", it.state.plane, words.tool_axis
     kind, text = match_form(r"P?(LT|LN|CT|LCT)\b\s*(.*)", rest, f"{what}: LT, LN, CT, LCT").groups()
     block, before = words.read(text), None if it.state.motion == 0.0 else it.motion.feed(0.0)
     if words.set_modes(block) and not leaves:
@@ -63,12 +63,12 @@ def run_approach(it: Interpreter, words: KlartextWords, rest: str, *, leaves: bo
         return complex(point[one], point[other])
 
     def lift(place: complex, level: Point) -> Point:
-        return set_level(set_level(level, one, place.real), other, place.imag)
+        return set_levels(level, {one: place.real, other: place.imag})
 
     def go(start: Point, end: Point, feed: float | None = feed, centre: complex | None = None, hand: bool = True,
            ) -> Element:  # fmt: skip
-        about = None if centre is None else lift(centre, end)
-        return Element(start, end, (0, 1, 2), feed or 0.0, line, about, PLANE_NORMALS[plane], hand, rapid=feed is None)
+        about, normal = None if centre is None else lift(centre, end), orient(PLANE_NORMALS[plane], right_hand=hand)
+        return Element(start, end, feed or 0.0, about, normal, rapid=feed is None)
 
     def approach(element: Element) -> list[Element]:
         direction = flatten(element.tangent(element.start))
@@ -87,7 +87,7 @@ def run_approach(it: Interpreter, words: KlartextWords, rest: str, *, leaves: bo
         if not leaves:
             if abs(height) > 1e-9:
                 it.note("an approach with a depth goes there before the contour; newer controls sink on the way")
-            it.contour.wait(approach, first, line)
+            it.contour.wait(approach, first)
             return
         end, last = flatten(first), flatten(start)
         far = end if kind == "LCT" else last
@@ -97,5 +97,5 @@ def run_approach(it: Interpreter, words: KlartextWords, rest: str, *, leaves: bo
             it.contour.add(go(lift(place, start), lift(end, start)))
         if abs(height) > 1e-9:
             low = it.contour.position
-            it.contour.add(Element(low, set_level(low, axis, first[axis]), (), feed, line))
+            it.contour.add(Element(low, set_levels(low, {axis: first[axis]}), feed))
         words.side, it.state.motion = "", 1.0

@@ -8,18 +8,29 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 from compplan.errors import InputError
-from compplan.toolpath.readers.arcs import Point, cross, set_level
+from compplan.toolpath.readers.arcs import Point, cross, set_levels
 from compplan.toolpath.readers.cnc.cycles import SKIPPED, Hole, drill, go_to_level, list_circle, list_grid
 from compplan.toolpath.readers.cnc.heidenhain_words import ASSIGN, CYCLE, NUMBER, TILT_ANGLES, VALUE, KlartextWords
 from compplan.toolpath.readers.cnc.interpreter import Interpreter
 from compplan.toolpath.readers.cnc.state import AXES
-from compplan.toolpath.readers.frames import PLANE_AXES, PLANE_NORMALS, Frame, frame_from_normal, rotate, shift, stretch
+from compplan.toolpath.readers.frames import (
+    ORIGIN,
+    PLANE_AXES,
+    PLANE_NORMALS,
+    Frame,
+    frame_from_normal,
+    mirror,
+    rotate,
+    stretch,
+)
 from compplan.toolpath.readers.lines import match_form
 
 #: Drilling cycles, and whether the tool retracts at the feed; old cycles, and the number of the part with their feed.
 DRILLING = {1: False, 2: True, 17: True, 200: False, 201: True, 202: True, 203: False, 205: False, 206: True,
             207: True, 208: False, 209: True, 240: False}  # fmt: skip
 OLD = {1: 5, 2: 4, 17: 3}
+#: Tapping cycles at the pitch of the thread, and its part or parameter.
+PITCHES = {17: "3", 207: "Q239", 209: "Q239"}
 #: Cycles that do not affect the path.
 SILENT = {13, 32, 239, 332, 392}
 #: Rapid retraction, written as a feed. [mm/min]
@@ -86,7 +97,7 @@ class HeidenhainCycles:
             self._name_preset(rest)
         elif number == 9:
             if last:
-                self.it.log.add_event("dwell", self.it.flow.line, value=self.value(last.group(1)))
+                self.it.log.add_event("dwell", value=self.value(last.group(1)))
         elif number in OLD:
             if not part or self.cycle is None or self.cycle.number != number:
                 self.cycle = Cycle(number)
@@ -134,7 +145,7 @@ class HeidenhainCycles:
         if self.cycle is None or self.cycle.number in OLD:
             raise InputError(f"{what} needs a cycle from 200 before it")
         height = self.it.course.position[self.words.tool_axis]
-        self.it.course.rapid(set_level(place, self.words.tool_axis, height), PLANE_AXES[self.it.state.plane])
+        self.it.course.rapid(set_levels(place, {self.words.tool_axis: height}), PLANE_AXES[self.it.state.plane])
         self._drill(Cycle(self.cycle.number, {**self.cycle.values, **changes}))
 
     def _drill(self, cycle: Cycle) -> None:
@@ -144,14 +155,12 @@ class HeidenhainCycles:
         surface. Cycles 1, 2 and 17 drill from the current level by set-up clearance plus depth, and retract to it.
         """
         course, axis, values, old = self.it.course, self.words.tool_axis, cycle.values, cycle.number in OLD
-        if cycle.number in (17, 207, 209):
-            pitch = abs(cycle.get("3" if cycle.number == 17 else "Q239"))
-            feed = out = pitch * self.words.unit * self.it.state.spindle / 60.0
+        if pitch := PITCHES.get(cycle.number):
+            feed = abs(cycle.get(pitch)) * self.words.unit * self.it.state.spindle / 60.0
         else:
-            feed = out = self.to_mm_s(cycle.get(str(OLD.get(cycle.number, "Q206"))))
-        if cycle.number in (201, 202) and (back := values.get("Q208", 0.0)) > 0.0:
-            out = self.to_mm_s(back)
-        rapidly = not DRILLING[cycle.number] or (cycle.number in (201, 202) and values.get("Q208", 0.0) >= FASTEST)
+            feed = self.to_mm_s(cycle.get(str(OLD.get(cycle.number, "Q206"))))
+        back = values.get("Q208", 0.0) if cycle.number in (201, 202) else 0.0
+        out = None if not DRILLING[cycle.number] or back >= FASTEST else self.to_mm_s(back) if back > 0.0 else feed
         if old and self.it.options.cycles != "expand":
             with self.it.log.hole():
                 self.it.note(f"drilling cycle {cycle.number} {SKIPPED}")
@@ -171,14 +180,13 @@ class HeidenhainCycles:
             top = max(clear, surface + values.get("Q204", 0.0))
             self.it.state.motion = 0.0
         with self.it.log.hole():
-            if not old:
-                go_to_level(course, axis, clear)
             if cycle.number == 208 and depth != 0.0 and self.it.options.cycles == "expand":
+                go_to_level(course, axis, clear)
                 self._mill_bore(values, clear, bottom, feed)
                 go_to_level(course, axis, clear)
                 go_to_level(course, axis, top)
             elif depth != 0.0:
-                hole = Hole(axis, clear, bottom, top, feed, None if rapidly else out, by_clear=True)
+                hole = Hole(axis, clear, bottom, top, feed, out, by_clear=True)
                 drill(course, hole, str(cycle.number))
             elif not old:
                 go_to_level(course, axis, top)
@@ -192,12 +200,12 @@ class HeidenhainCycles:
         if reach <= 0.0 or pitch <= 0.0:
             raise InputError("cycle 208 needs a bore Q335 wider than the tool and an infeed Q334")
         middle, one = course.position, PLANE_AXES[plane][0]
-        end = set_level(middle, self.words.tool_axis, bottom)
-        course.line(set_level(middle, one, middle[one] + reach), (), feed)
+        end = set_levels(middle, {self.words.tool_axis: bottom})
+        course.line(set_levels(middle, {one: middle[one] + reach}), feed)
         for turns in (max(1, math.ceil((first - bottom) / pitch - 1e-9)), 1):
-            low = set_level(end, one, middle[one] + reach)
-            course.arc(low, (), feed, middle, PLANE_NORMALS[plane], True, turns)
-        course.line(end, (), feed)
+            low = set_levels(end, {one: middle[one] + reach})
+            course.arc(low, feed, middle, PLANE_NORMALS[plane], turns)
+        course.line(end, feed)
 
     def _drill_pattern(self, pattern: Cycle) -> None:
         """Execute cycles 220 (holes on a circle) and 221 (holes in rows) with the drilling cycle defined before."""
@@ -216,16 +224,11 @@ class HeidenhainCycles:
             places = list_grid((get("Q225"), get("Q226")), n.get("Q224", 0.0), steps, counts)
         first, second = PLANE_AXES[self.it.state.plane]
         for u, v, _ in places:
-            place = set_level(set_level((0.0, 0.0, 0.0), first, u), second, v)
+            place = set_levels(ORIGIN, {first: u, second: v})
             self._drill_over(place, kept, f"cycle {pattern.number}")
         top = n.get("Q203", 0.0) + n.get("Q204", 0.0)
         if top > course.position[axis]:
             go_to_level(course, axis, top)
-
-    @property
-    def tilt(self) -> Frame:
-        """Active tilted plane."""
-        return self.it.frames.get("plane", Frame())
 
     def shift_datum(self, rest: str) -> None:
         """Execute cycle 7: datum shift, absolute from the original datum, or incremental (I) from the active one."""
@@ -235,13 +238,13 @@ class HeidenhainCycles:
         if not found or re.sub(r"[ABCUVW]\s*[-+]?0*\.?0*(?=\s|$)", "", AXIS_VALUE.sub("", rest)).strip():
             raise InputError(f"datum shift {rest[:30]!r} is not read, expected X Y Z with numbers")
         name = "shift" if self.it.tilted else "datum"
-        new = list(self.it.frames.get(name, Frame()).origin)
+        new = self.it.frames.get(name, Frame()).origin
         for step, letter, text in found:
             axis = AXES.index(letter)
-            new[axis] = self.value(text) + (new[axis] if step else 0.0)
+            new = set_levels(new, {axis: self.value(text) + (new[axis] if step else 0.0)})
         if any(new):
             self._refuse_within("a datum shift", "mirror", "rotation")
-        self.it.set_frames(**{name: shift(new[0], new[1], new[2]) if any(new) else None})
+        self.it.set_frames(**{name: Frame(origin=new) if any(new) else None})
 
     def run_trans(self, rest: str) -> None:
         """TRANS DATUM: datum shift as in cycle 7."""
@@ -269,8 +272,7 @@ class HeidenhainCycles:
             raise InputError(f"mirror {rest[:20]!r} is not read, expected X, Y, Z")
         if letters:
             self._refuse_within("a mirror", "rotation")
-        x, y, z = (-1.0 if letter in letters else 1.0 for letter in AXES)
-        self.it.set_frames(mirror=stretch(x, y, z) if letters else None)
+        self.it.set_frames(mirror=mirror(map(AXES.index, letters)) if letters else None)
 
     def _rotate(self, rest: str) -> None:
         """Execute cycle 10 (rotation)."""
@@ -290,7 +292,7 @@ class HeidenhainCycles:
         scale = self.value(match_form(rf"SCL\s*({VALUE})", rest, "scale: SCL and a factor").group(1))
         if not 1e-6 <= scale <= 100.0:
             raise InputError(f"scale {rest[:20]!r} is not read, expected 0.000001 to 100")
-        self.it.set_frames(scale=stretch(scale, scale, scale) if scale != 1.0 else None)
+        self.it.set_frames(scale=stretch((scale, scale, scale)) if scale != 1.0 else None)
 
     def _tilt(self, rest: str) -> None:
         """Execute cycle 19 (working plane) with spatial angles; refuse it unless `tilt_angles` confirms them."""
@@ -303,7 +305,7 @@ class HeidenhainCycles:
     def _set_tilt(self, tilt: Frame) -> None:
         """Activate a tilted plane, or cancel it."""
         self.it.contour.refuse_open()
-        if tilt == self.tilt:
+        if tilt == self.it.plane:
             return
         self._refuse_within("a plane that is tilted, or tilted back,", "shift", "rotation", "mirror", "scale")
         for name in TILT_ANGLES:
@@ -320,7 +322,7 @@ class HeidenhainCycles:
 
     def point_tool(self) -> None:
         """Orient the tool along the tool axis of the active plane."""
-        axis = self.tilt.turn(PLANE_NORMALS[self.it.state.plane])
+        axis = self.it.plane.turn(PLANE_NORMALS[self.it.state.plane])
         if axis != self.it.log.axis:
             self.it.course.set_tool_axis(axis)
 
@@ -354,5 +356,5 @@ class HeidenhainCycles:
             (name, angle), *more = n.items()
             if more or name not in ("SPA", "SPB", "SPC"):
                 raise ValueError("PLANE RELATIV takes one angle: SPA, SPB or SPC")
-            return self.tilt.then(rotate("ABC".index(name[-1]), angle))
+            return self.it.plane.then(rotate("ABC".index(name[-1]), angle))
         raise ValueError(f"PLANE {kind} is not read; use PLANE SPATIAL")

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 
 from compplan.errors import InputError
-from compplan.toolpath.readers.arcs import set_level
+from compplan.toolpath.readers.arcs import set_levels
 from compplan.toolpath.readers.cnc.expressions import FUNCTIONS, Grammar, evaluate
 from compplan.toolpath.readers.cnc.interpreter import Interpreter
 from compplan.toolpath.readers.cnc.motion import POLAR
@@ -200,10 +200,10 @@ class KlartextWords:
             course.mark_unknown((axis,))
             return
         self.it.contour.refuse_open()
-        target = set_level(course.position, axis, course.position[axis] + self.value(way.group(1)))
+        target = set_levels(course.position, {axis: course.position[axis] + self.value(way.group(1))})
         feed = re.search(r"F\s*([\d.]+)", words)
         if feed:
-            course.line(target, (), self.to_mm_s(float(feed.group(1))))
+            course.line(target, self.to_mm_s(float(feed.group(1))))
         else:
             course.rapid(target)
 
@@ -214,10 +214,10 @@ class KlartextWords:
         if "S" in block.values:
             self.it.state.spindle = block.values["S"]
             self.set_feed_scale()
-            self.it.machine.switch_on((), self.it.flow.line, changed=True)
+            self.it.machine.switch_on((), changed=True)
         for code in sorted(codes & REFUSED_M.keys()):
             raise InputError(f"M{code:g} ({REFUSED_M[int(code)]}) is not read; post-process without it")
-        self.it.machine.switch_on(sorted(codes), self.it.flow.line)
+        self.it.machine.switch_on(sorted(codes))
         if 128.0 in codes:
             self.it.control_tip(True)
         if codes & {136.0, 137.0}:
@@ -226,7 +226,7 @@ class KlartextWords:
         yield codes
         if 129.0 in codes:
             self.it.control_tip(False)
-        if self.it.machine.stop(sorted(codes), self.it.flow.line):
+        if self.it.machine.stop(sorted(codes)):
             self.it.flow.over = True
 
     def change_tool(self, text: str) -> None:
@@ -253,7 +253,7 @@ class KlartextWords:
             number = 0.0 if called.startswith('"') else self.value(called)
             if (key := called if called.startswith('"') else f"{number:g}") != self.tool:
                 self.tool, it.state.tool, it.state.tool_name = key, number, name
-                it.machine.change_tool(it.flow.line)
+                it.machine.change_tool()
         if axis in ("X", "Y", "Z") and AXES.index(axis) != self.tool_axis:
             it.state.plane = PLANES[AXES.index(axis)]
             self.turn_axis()

@@ -2,10 +2,11 @@
 
 A dialect consists of a lexer that yields blocks of words, and a table of operations (`Code`) by word. It holds an
 interpreter, which alone computes the path. Its methods: `run_line(program, index)` executes a line and returns the
-index of the next one or END; `square()` returns the tool axis with all rotary axes at 0; `turn_in_plane(block)` returns
-whether rotary words belong to a tilted plane, and the tool axis then. Its attributes: `frames`, names of its frames
-from the outermost ("plane": the tilted plane); `moving`, addresses of a move; `silent` and `ends`, M codes; `tip_word`,
-word of tool centre point control if cuts with moving rotary axes require it, otherwise "".
+index of the next one or END; `square()` returns the tool axis with all rotary axes at 0. Its attributes: `frames`,
+names of its frames from the outermost ("plane": the tilted plane); `moving`, addresses of a move; `silent` and `ends`,
+M codes; `unit_words`, words that set the unit; `tip_word`, word of tool centre point control if cuts with moving rotary
+axes require it, otherwise ""; `turns_to_plane`, whether rotary words in a tilted plane turn the tool to it
+(`turn_to_plane()`) or are ignored.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ from compplan.toolpath.readers.cnc.motion import TURNING, MotionReader
 from compplan.toolpath.readers.cnc.rotary import Rotary
 from compplan.toolpath.readers.cnc.state import AXES, LETTERS, CncBlock, Machine, State
 from compplan.toolpath.readers.frames import Frame
-from compplan.toolpath.readers.options import CamTable
+from compplan.toolpath.readers.options import CamTable, refuse_unit
 
 #: Addresses that make a move.
 MOVING = frozenset((*AXES, *TURNING, "I", "J", "K", "I1", "J1", "K1", "CR", "AR", "AP", "RP", "TURN"))
@@ -113,7 +114,7 @@ class Interpreter:
             self.flow.run(load())
             self.contour.refuse_open()
             finish()
-        self.machine.end(self.flow.line)
+        self.machine.end()
 
     def run_words(
         self, block: CncBlock, words: Iterable[float | str], find: Callable[[float | str], Code | None]
@@ -145,6 +146,16 @@ class Interpreter:
         """Whether a tilted plane is active."""
         return "plane" in self.frames
 
+    @property
+    def plane(self) -> Frame:
+        """Active tilted plane, or the untilted one."""
+        return self.frames.get("plane", Frame())
+
+    @property
+    def controls_tip(self) -> bool:
+        """Whether X Y Z are the tip in the part while rotary axes turn."""
+        return self.state.tip_control or self.options.axes.tip_control
+
     def find_frame(self) -> Frame:
         """Return the frame of the program coordinates in the part, without rotary axes."""
         whole = Frame()
@@ -165,8 +176,8 @@ class Interpreter:
 
         Moves with rotary axes away from 0 are left out if `rotary` is not stated.
         """
-        frame, tip = self.find_frame(), self.state.tip_control or self.options.axes.tip_control
-        if not (self.tilted or tip) and self.rotary.turned:
+        frame = self.find_frame()
+        if not (self.tilted or self.controls_tip) and self.rotary.turned:
             frame = self.rotary.place().then(frame)
         if carried:
             self.course.move_frame(frame)
@@ -192,7 +203,7 @@ class Interpreter:
 
     def leave_out_machine_move(self, block: CncBlock, words: str) -> None:
         """Leave out a move in machine coordinates; the position at its end is unknown."""
-        axes = [axis for axis, letter in enumerate(AXES) if letter in block.values]
+        axes = block.list_axes()
         self.contour.refuse_open()
         if axes:
             self.note(f"moves in machine coordinates ({words}) are left out")
@@ -206,6 +217,11 @@ class Interpreter:
         if angles:
             self.rotary.angles.update(angles)
             self.set_frame(carried=True)
+
+    def check_unit(self, lengths: Iterable[float | None]) -> None:
+        """Refuse non-zero lengths if neither the program so far nor the options state their unit."""
+        if not self.state.unit_stated and self.options.unit is None and any(lengths):
+            raise refuse_unit(self.dialect.unit_words)
 
     def compensate_radius(self, word: str) -> None:
         """Note cutter radius compensation, or refuse it without the option `compensation`."""

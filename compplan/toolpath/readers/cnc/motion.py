@@ -9,6 +9,7 @@ from typing import Any
 
 from compplan.errors import InputError
 from compplan.toolpath.readers.arcs import (
+    MOST_TURNS,
     Point,
     arc_about,
     centre_from_radius,
@@ -16,15 +17,16 @@ from compplan.toolpath.readers.arcs import (
     dot,
     find_arc,
     normalise,
-    set_level,
+    orient,
+    set_levels,
 )
 from compplan.toolpath.readers.cnc.contour import Contour, Corner, Element, find_tangent_arc
 from compplan.toolpath.readers.cnc.course import Course
-from compplan.toolpath.readers.cnc.rotary import Rotary
+from compplan.toolpath.readers.cnc.rotary import Rotary, blend
 from compplan.toolpath.readers.cnc.state import AXES, LETTERS, CncBlock, State
 from compplan.toolpath.readers.frames import DEEP_AXIS, PLANE_AXES, PLANE_NORMALS, rotate, turn_about
 from compplan.toolpath.readers.lines import DECIMAL
-from compplan.toolpath.readers.options import CHORD_MM
+from compplan.toolpath.readers.options import CHORD_MM, TURN_STEP
 
 NUMBER = rf"({DECIMAL})"
 #: Block of a plain straight cut with X Y Z F only, an optional block number and G1: G1 X1.5 Y-2. Z.3 F1000.
@@ -32,12 +34,8 @@ PLAIN = re.compile(
     rf"[ \t]*(?:N\d+[ \t]*)?(?:G0?1[ \t]*)?(?:X{NUMBER}[ \t]*)?(?:Y{NUMBER}[ \t]*)?(?:Z{NUMBER}[ \t]*)?"
     rf"(?:F{NUMBER}[ \t]*)?"
 )
-#: Greatest turn of the rotary axes between waypoints. [deg]
-TURN_STEP = 1.0
 #: Greatest rotation of the rotary axes in one block: 100 turns (assumed). [deg]
 MOST_TURN = 36_000.0
-#: Greatest number of turns of one helix.
-MOST_TURNS = 10_000
 MIDDLES, DIRECTIONS = ("I1", "J1", "K1"), ("A3", "B3", "C3")
 TURNING = frozenset((*LETTERS, *DIRECTIONS))
 STRAIGHT = frozenset((*AXES, *TURNING))
@@ -53,6 +51,7 @@ class MotionReader:
     """Execute the motion of blocks."""
 
     def __init__(self, it: Any) -> None:
+        self.it = it
         self.course: Course = it.course
         self.contour: Contour = it.contour
         self.rotary: Rotary = it.rotary
@@ -110,15 +109,7 @@ class MotionReader:
     def target(self, block: CncBlock) -> tuple[Point, tuple[int, ...]]:
         """Return the end point of a block, and the axes of its absolute coordinates."""
         state, values = self.state, block.values
-        point, named = list(self.contour.position), []
-        for axis, letter in enumerate(AXES):
-            if letter in values:
-                number = values[letter] * state.scale
-                if state.is_incremental(block, letter):
-                    point[axis] += number
-                else:
-                    point[axis] = number
-                    named.append(axis)
+        point, named = state.place(block, self.contour.position)
         if block.has(POLAR):
             plane, pole = state.pole_plane or state.plane, state.pole or (0.0, 0.0, 0.0)
             first, second = PLANE_AXES[plane]
@@ -135,10 +126,9 @@ class MotionReader:
                     base = now[address] if state.is_incremental(block, address) else 0.0
                     state.polar_words[address] = values[address] + base
             radius, angle = state.polar_words["RP"] * state.scale, math.radians(state.polar_words["AP"])
-            point[first] = pole[first] + radius * math.cos(angle)
-            point[second] = pole[second] + radius * math.sin(angle)
-            named += [first, second]
-        return (point[0], point[1], point[2]), tuple(named)
+            ends = {first: pole[first] + radius * math.cos(angle), second: pole[second] + radius * math.sin(angle)}
+            point, named = set_levels(point, ends), [*named, first, second]
+        return point, tuple(named)
 
     def move(self, block: CncBlock, corner: Corner | None = None) -> None:
         """Execute the motion of a block; `corner` is the corner at its end if another block states it."""
@@ -155,20 +145,22 @@ class MotionReader:
         if arc:
             if block.has(TURNING) and not self.rotary.ignored:
                 raise InputError("an arc on which the tool turns is not read; post-process it as straight moves")
-            if not course.leave_out(target, named):
-                self._go_round(block, target, named, corner or self._corner(block))
+            if not course.leave_out(target):
+                self._go_round(block, target, corner or self._corner(block))
             return
+        if block.has(CENTRES):
+            course.note("I J K in straight moves are not read")
         before = dict(self.rotary.angles)
         axis, by_axes = self._turn(block, rapid=rapid) if block.has(TURNING) else (None, False)
         if rapid:
             contour.refuse_open()
             course.rapid(target, named, axis)
             return
-        if contour.idle and course.leave_out(target, named):
+        if contour.idle and course.leave_out(target):
             return
         start = contour.position
         feed = self.feed(math.dist(target, start), block)
-        element = Element(start, target, named, feed, self.line, None, PLANE_NORMALS[state.plane], axis=axis)
+        element = Element(start, target, feed, None, PLANE_NORMALS[state.plane], axis=axis)
         if by_axes and axis is not None:
             after = dict(self.rotary.angles)
             element = replace(element, run=lambda: self._cut_turning(element, before, after))
@@ -194,9 +186,12 @@ class MotionReader:
             return normalise(self.course.frame.turn((vector[0], vector[1], vector[2]))), False
         if rotary.ignored:
             return None, False
-        taken, axis = self.dialect.turn_in_plane(block)
-        if taken:
-            return axis, False
+        if self.it.tilted and (self.dialect.turns_to_plane or not state.tip_control or "TILT" in block.names):
+            if self.dialect.turns_to_plane:
+                state.turn(rotary.angles, block)
+                return self.dialect.turn_to_plane(), False
+            self.course.note("A B C in a tilted plane position the rotary axes as the plane asks: its axis is taken")
+            return None, False
         turned = rotary.turned
         state.turn(rotary.angles, block)
         if rotary.spatial:
@@ -206,7 +201,7 @@ class MotionReader:
             return self.dialect.square(), False
         if rotary.unknown:
             return None, False
-        if not (rapid or state.tip_control or self.options.axes.tip_control or not self.dialect.tip_word):
+        if not (rapid or self.it.controls_tip or not self.dialect.tip_word):
             raise InputError(
                 f"a cut on which rotary axes turn is read with control of the tip ({self.dialect.tip_word})"
             )
@@ -215,7 +210,7 @@ class MotionReader:
     def _cut_turning(self, element: Element, before: dict[str, float], after: dict[str, float]) -> None:
         """Cut to a point with uniform motion of the rotary axes, in pieces that count as one move."""
         course, rotary, log = self.course, self.rotary, self.course.log
-        tip = self.state.tip_control or self.options.axes.tip_control
+        tip = self.it.controls_tip
         start, target, feed = element.start, element.end, element.feed
         pieces = self._count_pieces(target, before, after, tip=tip)
         travel = math.dist(target, start)
@@ -224,19 +219,16 @@ class MotionReader:
             seconds = 60.0 / self.state.feed
         else:  # feed along X Y Z, in degrees if they do not move
             seconds = (travel if travel > 0.0 else whole * self.state.scale) / feed if feed > 0.0 else 0.0
-        counts = dict(log.counts)
-        for piece in range(1, pieces + 1):
-            share = piece / pieces
-            rotary.angles = {
-                letter: before.get(letter, 0.0) * (1.0 - share) + angle * share for letter, angle in after.items()
-            }
-            self.set_frame(carried=True)
-            point = target if piece == pieces else combine(1.0 - share, start, share, target)
-            if not tip and seconds > 0.0:
-                feed = math.dist(course.frame.apply(point), log.position) * pieces / seconds
-            course.line(point, element.named, feed, rotary.point_tool() if rotary.turned else self.dialect.square())
+        with log.one_move():
+            for piece in range(1, pieces + 1):
+                share = piece / pieces
+                rotary.angles = blend(before, after, share)
+                self.set_frame(carried=True)
+                point = target if piece == pieces else combine(1.0 - share, start, share, target)
+                if not tip and seconds > 0.0:
+                    feed = math.dist(course.frame.apply(point), log.position) * pieces / seconds
+                course.line(point, feed, rotary.point_tool() if rotary.turned else self.dialect.square())
         rotary.angles = after
-        log.count_one(counts)
 
     def _count_pieces(self, target: Point, before: dict[str, float], after: dict[str, float], *, tip: bool) -> int:
         """Return the number of pieces of a motion of rotary axes that limits the errors of tool axis and tip."""
@@ -245,8 +237,7 @@ class MotionReader:
             raise InputError(f"rotary axes turn by {turn:g} deg in one block, at most {MOST_TURN:g} are read")
         step = TURN_STEP
         if tip:
-            ways = [{n: before.get(n, 0.0) * (1 - s) + a * s for n, a in after.items()} for s in (0.0, 0.37, 0.71, 1.0)]
-            if len({self.rotary.point_tool(way) for way in ways}) == 1:
+            if len({self.rotary.point_tool(blend(before, after, share)) for share in (0.0, 0.37, 0.71, 1.0)}) == 1:
                 return 1
         elif self.rotary.axes[1]:
             x, y, z = self.options.axes.rotary_centre_mm or (0.0, 0.0, 0.0)
@@ -262,57 +253,50 @@ class MotionReader:
             raise InputError(f"nothing is cut right before this block that it could go on from smoothly{word}")
         return normalise(combine(1.0, self.course.last_direction[1], -1.0, self.course.last_direction[0]))
 
-    def _go_round(self, block: CncBlock, target: Point, named: tuple[int, ...], corner: Corner | None) -> None:
+    def _go_round(self, block: CncBlock, target: Point, corner: Corner | None) -> None:
         """Cut along an arc: G2 clockwise, G3 counter-clockwise about the normal of the plane."""
         state, values, start = self.state, block.values, self.contour.position
         about_pole = "CC" in block.names or (block.has(POLAR) and not block.has(CENTRES))
         plane = (state.pole_plane or state.plane) if about_pole else state.plane
-        normal, right_hand = PLANE_NORMALS[plane], state.motion == 3.0
+        normal = orient(PLANE_NORMALS[plane], right_hand=state.motion == 3.0)
         if state.motion == "CIP":
             if block.values.keys().isdisjoint(MIDDLES):
                 raise InputError("CIP has no point on its way, expected I1= J1= K1=")
-            middle = list(start)
-            for axis, letter in enumerate(MIDDLES):
-                if letter in values:
-                    base = start[axis] if state.is_incremental(block, letter) else 0.0
-                    middle[axis] = values[letter] * state.scale + base
-            arc = find_arc(start, (middle[0], middle[1], middle[2]), target)
-            centre, normal, right_hand = arc.centre, arc.normal, arc.sweep > 0.0
+            arc = find_arc(start, state.place(block, start, MIDDLES)[0], target)
+            centre, normal = arc.centre, arc.normal
         elif state.motion == "CT":
             if abs(dot(combine(1.0, target, -1.0, start), normal)) > 1e-9:
                 raise InputError("CT that leaves its plane is not read")
             found = find_tangent_arc(start, self.find_direction(" (CT)"), target, normal)
             if found is None:
                 feed = self.feed(math.dist(start, target), block)
-                self.contour.add(Element(start, target, named, feed, self.line, normal=normal), corner)
+                self.contour.add(Element(start, target, feed, normal=normal), corner)
                 return
-            centre, right_hand = found
+            centre, normal = found
         elif "CR" in values:
             radius = values["CR"] * state.scale
-            centre = centre_from_radius(start, target, normal, radius, right_hand=right_hand)
+            centre = centre_from_radius(start, target, normal, radius)
         elif "AR" in values:
             opening, deep = values["AR"], DEEP_AXIS[plane]
             if not 0.0 < opening < 360.0:
                 raise InputError(f"AR={opening:g}, expected more than 0 and less than 360")
             if block.has(CENTRES):
                 centre = state.centre(start, block, plane)
-                end = turn_about(centre, rotate(deep, opening if right_hand else -opening)).apply(start)
-                target = set_level(end, deep, target[deep])
+                end = turn_about(centre, rotate(deep, opening if state.motion == 3.0 else -opening)).apply(start)
+                target = set_levels(end, {deep: target[deep]})
             else:
-                chord = math.dist(start, set_level(target, deep, start[deep]))
+                chord = math.dist(start, set_levels(target, {deep: start[deep]}))
                 radius = math.copysign(0.5 * chord / math.sin(math.radians(0.5 * opening)), 180.0 - opening)
-                centre = centre_from_radius(start, target, normal, radius, right_hand=right_hand)
+                centre = centre_from_radius(start, target, normal, radius)
         elif any("IJK"[axis] in values for axis in PLANE_AXES[plane]):
             centre = state.centre(start, block, plane)
             offsets = tuple(values.get(letter, 0.0) for letter in "IJK")
             usual = combine(1.0, start, state.scale, (offsets[0], offsets[1], offsets[2]))
-            if (state.centres != "incremental"
-                    and not arc_about(start, target, usual, normal, right_hand=right_hand).fits_circle):  # fmt: skip
+            if state.centres != "incremental" and not arc_about(start, target, usual, normal).fits_circle:
                 ends = [place[axis] for place in (start, target) for axis in PLANE_AXES[plane]]
                 self.proofs.add((*(round(number, 3) for number in ends), *offsets))
         elif about_pole and state.pole is not None:
-            first, second = PLANE_AXES[plane]
-            centre = set_level(set_level(start, first, state.pole[first]), second, state.pole[second])
+            centre = set_levels(start, {axis: state.pole[axis] for axis in PLANE_AXES[plane]})
         else:
             names = " ".join("IJK"[axis] for axis in sorted(PLANE_AXES[plane]))
             raise InputError(f"arc has neither a centre ({names}) nor a radius (R)")
@@ -320,6 +304,6 @@ class MotionReader:
         if not 0.0 <= turns < MOST_TURNS or turns != int(turns):
             raise InputError(f"arc of {turns:g} further turns, expected a whole number less than {MOST_TURNS}")
         count = int(turns) + 1
-        way = arc_about(start, target, centre, normal, right_hand=right_hand, turns=count).length
+        way = arc_about(start, target, centre, normal, count).length
         feed = self.feed(way, block)
-        self.contour.add(Element(start, target, named, feed, self.line, centre, normal, right_hand, count), corner)
+        self.contour.add(Element(start, target, feed, centre, normal, count), corner)

@@ -10,11 +10,20 @@ import re
 from collections.abc import Sequence
 
 from compplan.errors import InputError
-from compplan.toolpath.readers.arcs import Point, combine
-from compplan.toolpath.readers.cnc.course import ORIGIN, UP
+from compplan.toolpath.readers.arcs import Point, combine, set_levels
 from compplan.toolpath.readers.cnc.interpreter import Interpreter
 from compplan.toolpath.readers.cnc.state import AXES, LETTERS, CncBlock
-from compplan.toolpath.readers.frames import DEEP_AXIS, PLANE_AXES, Frame, rotate, scale_about, shift, turn_about
+from compplan.toolpath.readers.frames import (
+    DEEP_AXIS,
+    ORIGIN,
+    PLANE_AXES,
+    UP,
+    Frame,
+    mirror,
+    rotate,
+    stretch,
+    turn_about,
+)
 
 DECLARED = "moves after the G92 origin is dropped are left out: how it lies to the work offset is not known"
 OUTSIDE = "cuts in other work offsets than the part frame's (wcs) are left out"
@@ -91,7 +100,7 @@ class Origins:
             note = f"rapid moves in {there} are left out: how it lies to {here} is not known"
             self.it.contour.refuse_open()
             course.suspend(OUTSIDE, *(("", "") if self.wcs is not None else (refusal, note)))
-        self.it.set_frames(origin=shift(*self.zero))
+        self.it.set_frames(origin=Frame(origin=self.zero))
 
     def check_used(self) -> None:
         """Refuse a wcs that the file does not use."""
@@ -113,17 +122,14 @@ class Origins:
         if number not in range(16):
             raise InputError(f"G10 L2 P{number:g} names no work offset, expected P0 to P15")
         code = self.active if number == 0 else 53.0 + number if number <= 6 else 59.0 + (number - 6) / 10.0
-        origin, base = self.origins.setdefault(code, {}), list(self.base)
-        cutting = code == self.active and (self.course.begun or list(self.course.unknown.values()).count(False) < 3)
-        for axis in block.list_axes():
-            place = values[AXES[axis]] * self.state.scale
-            if cutting and axis not in origin:
+        before, stated = self.origins.get(code, {}), self.state.lengths(block)
+        self.origins[code] = {**before, **stated}
+        if code == self.active and (self.course.begun or list(self.course.unknown.values()).count(False) < 3):
+            if stated.keys() - before.keys():
                 raise InputError("G10 L2 moves the work offset in force, and what it was is not known")
-            base[axis] += place - origin.get(axis, place)
-            origin[axis] = place
-        if cutting:
-            self.base = base[0], base[1], base[2]
-            self.it.set_frames(origin=shift(*self.zero))
+            moved = {axis: self.base[axis] + (level - before[axis]) for axis, level in stated.items()}
+            self.base = set_levels(self.base, moved)
+            self.it.set_frames(origin=Frame(origin=self.zero))
 
     def go_home(self, code: float, block: CncBlock) -> None:
         """Execute G28 and G30: rapidly through the intermediate point to the reference position, which is unknown.
@@ -144,37 +150,28 @@ class Origins:
 
     def shift(self, block: CncBlock) -> None:
         """Shift the origin of the program (G52)."""
-        shifted = list(self.shifted)
-        for axis in block.list_axes():
-            shifted[axis] = block.values[AXES[axis]] * self.state.scale
-        self.shifted = shifted[0], shifted[1], shifted[2]
-        self.it.set_frames(origin=shift(*self.zero))
+        self.shifted = set_levels(self.shifted, self.state.lengths(block))
+        self.it.set_frames(origin=Frame(origin=self.zero))
 
     def set_position(self, block: CncBlock) -> None:
         """Set the coordinates of the current position (G92).
 
         Unknown coordinates of the tool become known; for known ones the origin moves, before and after the first cut.
         """
-        course = self.course
-        position, origin, step = list(course.position), list(self.origin), [0.0, 0.0, 0.0]
-        found = False
-        for axis in block.list_axes():
-            value = block.values[AXES[axis]] * self.state.scale
-            if axis in course.unknown:
-                step[axis] = 0.0 if course.unknown[axis] else value - position[axis]
-                found = found or course.unknown[axis]
-                position[axis] = value
-                self.declared.add(axis)
-            else:
-                origin[axis] += position[axis] - value
-        course.position = position[0], position[1], position[2]
+        course, stated, position = self.course, self.state.lengths(block), self.course.position
+        lost = {axis: level for axis, level in stated.items() if axis in course.unknown}
+        found = {axis for axis in lost if course.unknown[axis]}
+        step = set_levels(ORIGIN, {axis: lost[axis] - position[axis] for axis in lost.keys() - found})
+        moved = {axis: self.origin[axis] + position[axis] - stated[axis] for axis in stated.keys() - lost.keys()}
+        course.position = set_levels(position, lost)
+        self.declared.update(lost)
         course.mark_known(self.declared)
         if not course.begun and any(step):
-            self.it.log.shift(course.frame.turn((step[0], step[1], step[2])))
+            self.it.log.shift(course.frame.turn(step))
         if found:
             course.rapid(course.position)
-        self.origin = self.kept = (origin[0], origin[1], origin[2])
-        self.it.set_frames(origin=shift(*self.zero))
+        self.origin = self.kept = set_levels(self.origin, moved)
+        self.it.set_frames(origin=Frame(origin=self.zero))
 
     def cancel_shift(self, code: float) -> None:
         """Execute G92.1 and G92.2, which cancel the shift of G92, and G92.3, which restores it after G92.2."""
@@ -192,7 +189,7 @@ class Origins:
                 f"a cut after G{code:g}, which drops the origin that G92 set where the tool stood: how it lies to "
                 "the work offset is not known; end the cuts before it, or let a move to X Y Z come before G92"
             ))  # fmt: skip
-        self.it.set_frames(origin=shift(*self.zero))
+        self.it.set_frames(origin=Frame(origin=self.zero))
 
     def move_in_machine(self, block: CncBlock) -> None:
         """Execute a move in machine coordinates (G53) if the active work offset is known; otherwise leave it out."""
@@ -200,35 +197,26 @@ class Origins:
         if any(axis not in origin for axis in named) or not course.frame.plain or block.has(frozenset(LETTERS)):
             self.it.leave_out_machine_move(block, "G53")
             return
-        cuts, point = self.state.motion == 1.0, list(course.position)
+        cuts = self.state.motion == 1.0
         if cuts:
             course.begin_cut()
-        for axis in named:
-            place = block.values[AXES[axis]] * self.state.scale - origin[axis]
-            point[axis] = place - self.origin[axis] - self.shifted[axis]
-        target = (point[0], point[1], point[2])
+        places = self.state.lengths(block).items()
+        levels = {axis: place - origin[axis] - self.origin[axis] - self.shifted[axis] for axis, place in places}
+        target = set_levels(course.position, levels)
         self.it.contour.refuse_open()
         if cuts and named:
-            course.line(target, named, self.it.motion.feed(math.dist(target, course.position)))
+            course.line(target, self.it.motion.feed(math.dist(target, course.position)))
         elif named:
             course.rapid(target, named)
 
-    @property
-    def plane_axis(self) -> Point | None:
-        """Normal of the active tilted plane, None without one."""
-        return self.it.frames["plane"].turn(UP) if self.it.tilted else None
-
     def _find_centre(self, block: CncBlock, axes: Sequence[int] = (0, 1, 2)) -> Point:
         """Return the centre of a rotation or scaling: coordinates of the block, by default those of the tool."""
-        centre, named = list(self.course.position), set(block.list_axes()).intersection(axes)
-        if named and self.state.incremental:
+        stated = {axis: level for axis, level in self.state.lengths(block).items() if axis in axes}
+        if stated and self.state.incremental:
             raise InputError("the centre of a rotation or scale in G91 has two meanings, state it in G90")
-        for axis in axes:
-            if axis in named:
-                centre[axis] = block.values[AXES[axis]] * self.state.scale
-            elif axis in self.course.unknown:
-                raise InputError(f"a rotation or scale about the tool's place, whose {AXES[axis]} is not known")
-        return combine(1.0, (centre[0], centre[1], centre[2]), 1.0, self.zero)
+        if unknown := [axis for axis in axes if axis in self.course.unknown and axis not in stated]:
+            raise InputError(f"a rotation or scale about the tool's place, whose {AXES[unknown[0]]} is not known")
+        return combine(1.0, set_levels(self.course.position, stated), 1.0, self.zero)
 
     def rotate(self, block: CncBlock) -> None:
         """Execute G68: rotation by R degrees in the active plane, counter-clockwise."""
@@ -247,44 +235,42 @@ class Origins:
                 scales[number] = scale * 1e-3
         if any(abs(scale) < 1e-4 or abs(scale) > LEAST_THOUSANDTHS for scale in scales):
             raise InputError(f"G51 scales by {scales}, expected factors from 0.0001 to 100")
-        self.it.set_frames(scale=scale_about(self._find_centre(block), (scales[0], scales[1], scales[2])))
+        self.it.set_frames(scale=stretch((scales[0], scales[1], scales[2]), self._find_centre(block)))
 
     def mirror(self, code: float, block: CncBlock) -> None:
         """Execute G51.1 (mirror about X.. Y.. Z..) and G50.1 (cancel mirrors)."""
-        for axis in block.list_axes() or (list(self.mirrors) if code == 50.1 else []):
-            self.mirrors.pop(axis, None)
-            if code == 51.1:
-                self.mirrors[axis] = block.values[AXES[axis]] * self.state.scale + self.zero[axis]
-        x, y, z = (self.mirrors.get(axis, 0.0) for axis in range(3))
-        i, j, k = (-1.0 if axis in self.mirrors else 1.0 for axis in range(3))
-        self.it.set_frames(mirror=scale_about((x, y, z), (i, j, k)) if self.mirrors else None)
+        stated = self.state.lengths(block)
+        if code == 51.1:
+            self.mirrors |= {axis: level + self.zero[axis] for axis, level in stated.items()}
+        else:
+            self.mirrors = {axis: level for axis, level in self.mirrors.items() if stated and axis not in stated}
+        self.it.set_frames(mirror=mirror(self.mirrors, set_levels(ORIGIN, self.mirrors)) if self.mirrors else None)
 
     def tilt(self, block: CncBlock) -> None:
         """Execute G68.2: origin X Y Z, and I J K as Euler angles z x' z'', with P1 as rotations about fixed X Y Z."""
         values, form = block.values, block.values.get("P", 0.0)
-        if form not in (0.0, 1.0) or (form == 1.0 and values.get("Q", 123.0) != 123.0) or self.it.state.incremental:
+        if form not in (0.0, 1.0) or (form == 1.0 and values.get("Q", 123.0) != 123.0) or self.state.incremental:
             raise InputError("G68.2 is read in G90, as Euler angles or with P1 and Q123; post-process it so")
         i, j, k = (values.get(letter, 0.0) for letter in "IJK")
         order = ((2, k), (1, j), (0, i)) if form == 1.0 else ((2, i), (0, j), (2, k))
         turn = rotate(*order[0]).then(rotate(*order[1])).then(rotate(*order[2]))
-        x, y, z = (values.get(letter, 0.0) * self.it.state.scale for letter in AXES)
-        self.it.set_frames(plane=shift(x, y, z).then(turn_about(self.zero, turn)), rotation=None)
+        corner = set_levels(ORIGIN, self.state.lengths(block))
+        self.it.set_frames(plane=Frame(origin=corner).then(turn_about(self.zero, turn)), rotation=None)
         self.turned_to_plane = False
 
     def turn_to_plane(self, code: float, *, stays: bool) -> None:
         """Execute G53.1 and G53.6: orient the tool normal to the tilted plane; `stays`: its tip does not move."""
-        axis = self.plane_axis
-        if axis is None:
+        if not self.it.tilted:
             raise InputError(f"G{code:g} without a tilted plane (G68.2) has nothing to turn to")
         self.turned_to_plane = True
         if not stays:
             self.it.course.mark_unknown()
-        self.it.log.axis = axis
+        self.it.log.axis = self.it.plane.turn(UP)
 
     def check_plane(self) -> None:
         """Refuse a cut in a tilted plane to which the tool is not oriented."""
-        axis = self.plane_axis
-        if axis is not None and not self.turned_to_plane and math.dist(axis, self.it.log.axis) > 1e-9:
+        turned = self.turned_to_plane or math.dist(self.it.plane.turn(UP), self.it.log.axis) <= 1e-9
+        if self.it.tilted and not turned:
             raise InputError("a cut in a tilted plane (G68.2) that the tool is not turned to (G53.1, or A B C)")
 
 
@@ -293,12 +279,12 @@ FRAME_WORDS = frozenset(("TRANS", "ATRANS", "ROT", "AROT", "SCALE", "ASCALE", "M
 
 def change_frame(it: Interpreter, word: str, block: CncBlock) -> None:
     """Execute TRANS, ROT, SCALE, MIRROR (replace the programmable frame) and ATRANS .. (added to it)."""
-    values, kind, scale = block.values, word.removeprefix("A"), it.state.scale
+    values, kind = block.values, word.removeprefix("A")
     if unknown := values.keys() - {"X", "Y", "Z", "RPL"}:
         raise InputError(f"{word} with {min(unknown)} is not read, expected X Y Z")
     x, y, z = (values.get(letter, 0.0) for letter in AXES)
     if kind == "TRANS":
-        step = shift(x * scale, y * scale, z * scale)
+        step = Frame(origin=set_levels(ORIGIN, it.state.lengths(block)))
     elif kind == "ROT" and "RPL" in values:  # in the plane
         if len(values) > 1:
             raise InputError("RPL beside rotations about axes is not read")
@@ -311,10 +297,9 @@ def change_frame(it: Interpreter, word: str, block: CncBlock) -> None:
         factors = [values.get(letter, 1.0) for letter in AXES]
         if len(set(factors)) > 1 or not 1e-6 < abs(factors[0]) < 1e6:
             raise InputError(f"{word} with different factors of its axes is not read")
-        step = scale_about(ORIGIN, (factors[0], factors[0], factors[0]))
+        step = stretch((factors[0], factors[0], factors[0]))
     else:
-        i, j, k = (-1.0 if letter in values else 1.0 for letter in AXES)
-        step = scale_about(ORIGIN, (i, j, k))
+        step = mirror(block.list_axes())
     it.contour.refuse_open()
     it.set_frames(program=it.frames.get("program", Frame()).then(step) if word.startswith("A") else step)
 
@@ -335,6 +320,6 @@ def swivel(it: Interpreter, arguments: Sequence[float]) -> None:
             raise InputError(f"CYCLE800 with mode {mode} names no axis for one of its angles")
         turn = turn.then(rotate(axis, angle)) if angle else turn
     k = it.state.scale
-    step = shift(x0 * k, y0 * k, z0 * k).then(turn).then(shift(x1 * k, y1 * k, z1 * k))
+    step = Frame(origin=(x0 * k, y0 * k, z0 * k)).then(turn).then(Frame(origin=(x1 * k, y1 * k, z1 * k)))
     step = it.find_frame().then(step) if status % 10 == 1 else step
     it.set_frames(shift=step if step.plain else None, plane=None if step.plain else step, program=None)

@@ -6,10 +6,9 @@ from collections.abc import Mapping
 
 from compplan.errors import InputError
 from compplan.toolpath.readers.arcs import Point, combine
-from compplan.toolpath.readers.frames import Frame, rotate, turn_about
+from compplan.toolpath.readers.frames import UP, Frame, rotate, turn_about
 from compplan.toolpath.readers.options import CamTable
 
-UP: Point = (0.0, 0.0, 1.0)
 #: Tilting axes; their order must be stated if both are used. Otherwise a table C is on the tilt, a head tilt on C.
 TILTS = frozenset("AB")
 #: Letters of axes, the carrying axis first, and their senses: 1 is a right-hand rotation.
@@ -88,9 +87,7 @@ class Rotary:
         if self.ignored or not any(angles.values()):
             return UP
         head, table = self.axes
-        axis = swing(head, angles)
-        for letter, sense in table:
-            axis = rotate("ABC".index(letter), -sense * angles.get(letter, 0.0)).turn(axis)
+        axis = swing((*head[::-1], *((letter, -sense) for letter, sense in table)), angles)
         return axis[0] + 0.0, axis[1] + 0.0, axis[2] + 0.0
 
     def place(self) -> Frame:
@@ -102,7 +99,7 @@ class Rotary:
         if any(angles.get(letter) for letter, _ in head):
             if stated.pivot_mm is None:
                 raise self._missing("pivot_mm = the distance from the tool tip to where the rotary axes meet")
-            step = combine(1.0, UP, -1.0, swing(head, angles))
+            step = combine(1.0, UP, -1.0, swing(head[::-1], angles))
             placed = Frame(origin=combine(stated.pivot_mm, step, 0.0, step))
         if any(angles.get(letter) for letter, _ in table):
             if stated.rotary_centre_mm is None and not self.dynamic:
@@ -122,9 +119,14 @@ class Rotary:
         )
 
 
-def swing(head: Axes, angles: Mapping[str, float]) -> Point:
-    """Return the tool axis of a head for given angles [deg]."""
+def blend(before: Mapping[str, float], after: Mapping[str, float], share: float) -> dict[str, float]:
+    """Return the angles after a share of a motion of the rotary axes; axes not named before start at 0."""
+    return {letter: before.get(letter, 0.0) * (1.0 - share) + angle * share for letter, angle in after.items()}
+
+
+def swing(axes: Axes, angles: Mapping[str, float]) -> Point:
+    """Return the tool axis after rotations by given angles [deg], in the order of the axes."""
     axis = UP
-    for letter, sense in head[::-1]:
+    for letter, sense in axes:
         axis = rotate("ABC".index(letter), sense * angles.get(letter, 0.0)).turn(axis)
     return axis

@@ -53,7 +53,7 @@ IDENTIFIER = re.compile(r"(?<![A-Z0-9_])[A-Z]{2,}[A-Z0-9_]*")
 #: Marks of a move, a call or a change of the frame in a line with an unknown word.
 MOVES = re.compile(
     rf"(?<![A-Z0-9])([XYZABCIJKUVW]\s*=?\s*[-+.\d]|G0*[0-3](?![\d.]))|PLANE\b(?!\s+RESET\b)|ROTATION\b|MIRRORING\b|"
-    rf"\b({CHANGING}|TRAORI|TRAFOOF|SUPA)\b"
+    rf"\b({CHANGING}|SUPA)\b"
 )
 ARGUMENTS = re.compile(r"[A-Za-z_]{2}\w*\(")
 #: Comments, also without closing bracket, and quoted text.
@@ -119,7 +119,7 @@ class Lexer:
         """Return the block of a line, None if it has none."""
         line, comments = strip_comments(raw)
         for comment in comments:
-            self.it.log.add_event("comment", self.it.flow.line, text=comment)
+            self.it.log.add_event("comment", text=comment)
         if not line:
             return None
         if len(line) > 200:
@@ -175,7 +175,7 @@ class Lexer:
         if O_WORD.match(line):
             raise InputError(f"program control {line[:40]!r} (O words) is not read; write the program out")
         if (owner := OWNER_LINE.match(line)) and owns_words(float(owner.group(1))):
-            self.it.machine.leave_out(f"M{owner.group(1)}", self.it.flow.line)
+            self.it.machine.leave_out(f"M{owner.group(1)}")
             return None
         if BARE_HOME.fullmatch(line):
             return [("G", 28.0)], line

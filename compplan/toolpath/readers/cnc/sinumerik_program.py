@@ -30,20 +30,19 @@ NUMBERED = re.compile(r"([A-Z])(\d{1,4})")
 CLOSING = re.compile(r"\s*\)")
 #: Words of Sinumerik controls that do not affect the programmed path.
 HARMLESS = frozenset((
-    "TRAORI", "TRAFOOF", "STOPRE", "SOFT", "SOFTA", "BRISK", "BRISKA", "DRIVE", "FFWON", "FFWOF", "COMPON", "COMPOF",
+    "STOPRE", "SOFT", "SOFTA", "BRISK", "BRISKA", "DRIVE", "FFWON", "FFWOF", "COMPON", "COMPOF",
     "COMPCURV", "COMPCAD", "COMPSURF", "UPATH", "SPATH", "ORIWKS", "ORIMKS", "ORIAXES", "ORIVECT", "ORIPLANE",
     "ORIEULER", "ORIRPY", "ORIRPY2", "ORIVIRT1", "ORIVIRT2", "ORIC", "ORID", "ORISON", "ORISOF", "OSC", "OSD", "OST",
     "OSOF", "OSS", "OSSE", "CUT2D", "CUT2DF", "CUT3DC", "CUT3DF", "KONT", "KONTC", "KONTT", "NORM", "CFC", "CFIN",
     "CFTCP", "FNORM", "FLIN", "FCUB", "DIAMOF", "DIAM90", "WALIMON", "WALIMOF", "CDON", "CDOF", "CDOF2", "CPRECON",
     "CPRECOF", "RTLION", "RTLIOF", "SBLOF", "SBLON", "DISPLOF", "DISPLON", "SAVE", "FIFOCTRL", "STARTFIFO",
     "STOPFIFO", "FENDNORM", "FENDOFF", "EXTENDED", "GFRAME0", "CYCLE832", "CYCLE_HSC", "DYNNORM", "DYNPOS",
-    "DYNROUGH", "DYNSEMIFIN", "DYNFINISH", "PRIO", "SPCON", "SPCOF", "TCARR", "TCOABS", "TCOFR", "STAY", "FMAX",
-    "TCPM",
+    "DYNROUGH", "DYNSEMIFIN", "DYNFINISH", "PRIO", "SPCON", "SPCOF", "TCARR", "TCOABS", "TCOFR",
 ))  # fmt: skip
 #: Words that change the path or its frame, or call a cycle at every position.
 CHANGING = (
     r"A?TRANS|A?ROTS?|A?SCALE|A?MIRROR|MCALL|[ABC]SPLINE|POLY|TRANSMIT|TRACYL|TRAANG|TOFRAME|TOROT|DIAMON|OFFN|CIP|"
-    r"INVCC?W"
+    r"INVCC?W|TRAORI|TRAFOOF"
 )
 HEAD = re.compile(r"\s*%_N_(\w+?)_(MPF|SPF)\b", re.IGNORECASE)
 PROC = re.compile(r"\s*(?:N\d+\s*)?PROC\s+(\w+)", re.IGNORECASE)
@@ -324,7 +323,7 @@ class SinumerikFlow:
         if word in REFUSED:
             raise InputError(f"{word} {rest[:24]!r} is not read; write the program out in the CAM system")
         if word == "MSG" and (told := re.search(r'MSG\s*\(\s*"([^"]*)"', raw, re.IGNORECASE)):
-            self.it.log.add_event("comment", self.flow.line, text=told.group(1))
+            self.it.log.add_event("comment", text=told.group(1))
         elif word == "DEF":
             self._declare(text)
         if word in ("MSG", "DEF", "PROC", "EXTERN"):

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
 from compplan.io.notes import Stop
-from compplan.toolpath.readers.arcs import Point, set_level
+from compplan.toolpath.readers.arcs import Point, set_levels
 from compplan.toolpath.readers.frames import PLANE_AXES
 from compplan.toolpath.readers.moves import MoveLog
 
@@ -117,6 +117,27 @@ class State:
         """Return whether a number of a block is incremental."""
         return address in block.relative or (self.incremental and address not in block.absolute)
 
+    def lengths(self, block: CncBlock, letters: Sequence[str] = AXES) -> dict[int, float]:
+        """Return the numbers of the coordinates in a block by axis [mm]."""
+        stated = ((axis, letter) for axis, letter in enumerate(letters) if letter in block.values)
+        return {axis: block.values[letter] * self.scale for axis, letter in stated}
+
+    def place(self, block: CncBlock, base: Point, letters: Sequence[str] = AXES) -> tuple[Point, list[int]]:
+        """Return the point of the coordinates in a block, and the axes of its absolute coordinates.
+
+        Incremental coordinates are relative to `base`; those that are not stated are kept from it. [mm]
+        """
+        point, absolute = list(base), list[int]()
+        for axis, letter in enumerate(letters):
+            if letter in block.values:
+                level = block.values[letter] * self.scale
+                if self.is_incremental(block, letter):
+                    point[axis] += level
+                else:
+                    point[axis] = level
+                    absolute.append(axis)
+        return (point[0], point[1], point[2]), absolute
+
     def turn(self, angles: dict[str, float], block: CncBlock) -> None:
         """Update the angles of rotary axes with those of a block."""
         for letter in LETTERS:
@@ -126,15 +147,12 @@ class State:
 
     def centre(self, start: Point, block: CncBlock, plane: int) -> Point:
         """Return the centre of an arc from I J K with their meaning in this program."""
-        centre, values = start, block.values
-        for axis in PLANE_AXES[plane]:
-            letter = "IJK"[axis]
-            if letter in values:
-                number = values[letter] * self.scale
-                if self.centres != "absolute" and letter not in block.absolute:
-                    number = start[axis] + (-number if self.centres == "reversed" else number)
-                centre = set_level(centre, axis, number)
-        return centre
+        sense = -1.0 if self.centres == "reversed" else 1.0
+        centre = {axis: level for axis, level in self.lengths(block, "IJK").items() if axis in PLANE_AXES[plane]}
+        for axis, level in centre.items():
+            if self.centres != "absolute" and "IJK"[axis] not in block.absolute:
+                centre[axis] = start[axis] + sense * level
+        return set_levels(start, centre)
 
 
 class Machine:
@@ -143,7 +161,7 @@ class Machine:
     def __init__(self, state: State, log: MoveLog, silent: frozenset[float], ends: frozenset[float]) -> None:
         self.state, self.log, self.silent, self.ends = state, log, silent | ends, ends
 
-    def start(self, block: CncBlock, line: int) -> None:
+    def start(self, block: CncBlock) -> None:
         """Execute the machine functions of a block before its move."""
         state, log, values, machine = self.state, self.log, block.values, block.machine
         by_t = state.changes_by_t and values.get("T", 0.0) not in (0.0, state.tool)
@@ -151,34 +169,34 @@ class Machine:
         if "T" in values:
             state.tool, state.tool_name = values["T"], ""
             if not changing and not state.changes_by_t:
-                log.add_event("comment", line, text=f"tool T{values['T']:g} is called")  # changed by the next M6
+                log.add_event("comment", text=f"tool T{values['T']:g} is called")  # changed by the next M6
         if 61.0 in machine:
             state.tool, state.tool_name = values.get("Q", state.tool), ""
         if changing or by_t:
             if by_t:
-                log.note("T without M6 is read as a tool change: the file has no M6", line)
-            self.change_tool(line)
+                log.note("T without M6 is read as a tool change: the file has no M6")
+            self.change_tool()
         changed = "S" in values and LIMITS.isdisjoint(block.codes) and ANGLES.isdisjoint(machine)
         if changed:
             state.spindle = values["S"]
-        self.switch_on(machine, line, changed=changed)
+        self.switch_on(machine, changed=changed)
         if 4.0 in block.codes:
             wait = max(next((values[letter] for letter in "FXU" if letter in values), 0.0), 0.0)  # in seconds
             if "P" in values:
                 milli = values["P"] >= LEAST_MILLISECONDS
                 if milli:
-                    log.note(f"G4 P{values['P']:g} is taken in milliseconds", line)
+                    log.note(f"G4 P{values['P']:g} is taken in milliseconds")
                 wait = max(values["P"], 0.0) * (1e-3 if milli else 1.0)
             elif "S" in values:  # in revolutions
                 wait = 60.0 * values["S"] / state.spindle if state.spindle > 0.0 else 0.0
-            log.add_event("dwell", line, value=wait)
+            log.add_event("dwell", value=wait)
 
-    def change_tool(self, line: int) -> None:
+    def change_tool(self) -> None:
         """Change to the selected tool."""
-        self.log.add_event("tool", line, value=self.state.tool, text=self.state.tool_name)
+        self.log.add_event("tool", value=self.state.tool, text=self.state.tool_name)
         self.state.turning = ""
 
-    def switch_on(self, machine: Iterable[float], line: int, *, changed: bool = False) -> None:
+    def switch_on(self, machine: Iterable[float], *, changed: bool = False) -> None:
         """Execute M codes that switch on, and the change of speed of a running spindle."""
         state, log = self.state, self.log
         kinds = [kind for code in machine for kind in STARTING.get(code, ())]
@@ -187,21 +205,21 @@ class Machine:
                 state.turning, changed = kind, True
         if changed and state.turning:
             off = state.spindle == 0.0
-            log.add_event("spindle_off" if off and not kinds else state.turning, line, value=state.spindle)
+            log.add_event("spindle_off" if off and not kinds else state.turning, value=state.spindle)
         for kind in kinds:
             if not kind.startswith("spindle"):
                 state.cooling = True
-                log.add_event(kind, line)
+                log.add_event(kind)
         for code in machine:
             if code not in STARTING and code not in STOPPING and code not in self.silent:
-                self.leave_out(f"M{code:g}", line)
+                self.leave_out(f"M{code:g}")
 
-    def leave_out(self, code: str, line: int) -> None:
+    def leave_out(self, code: str) -> None:
         """Note an unknown M code, which must be checked before the machine moves, and keep it as a comment."""
-        self.log.note(Stop(f"{code} is unknown: programs have it as a comment; if it switches something, add it"), line)
-        self.log.add_event("comment", line, text=f"{code} of the CAM file")
+        self.log.note(Stop(f"{code} is unknown: programs have it as a comment; if it switches something, add it"))
+        self.log.add_event("comment", text=f"{code} of the CAM file")
 
-    def stop(self, machine: Iterable[float], line: int) -> bool:
+    def stop(self, machine: Iterable[float]) -> bool:
         """Execute M codes after the move of their block; return whether the program ends."""
         for code in machine:
             kind = STOPPING.get(code, "")
@@ -210,12 +228,12 @@ class Machine:
             elif kind == "coolant_off":
                 self.state.cooling = False
             if kind:
-                self.log.add_event(kind, line)
+                self.log.add_event(kind)
         return not self.ends.isdisjoint(machine)
 
-    def end(self, line: int) -> None:
+    def end(self) -> None:
         """Stop running spindle and coolant at the end of the program."""
         for running, kind in ((self.state.turning, "spindle_off"), (self.state.cooling, "coolant_off")):
             if running:
-                self.log.add_event(kind, line)
+                self.log.add_event(kind)
         self.state.turning, self.state.cooling = "", False
