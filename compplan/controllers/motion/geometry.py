@@ -25,7 +25,7 @@ from compplan.controllers.writers.zones import FASTEST, mark_moves
 from compplan.errors import InfeasibleError, InputError
 from compplan.robot import Array
 from compplan.statics.chain import Chain, locate_frames
-from compplan.statics.ik import Arm, pose_error, refine_ik, solve_branches
+from compplan.statics.ik import Arm, middle_of_limits, pose_error, refine_ik, solve_branches
 
 #: Step between points of a path, and points of a blend. [m]
 STEP, BLEND_POINTS = 1e-3, 12
@@ -104,8 +104,7 @@ def locate_nodes(instructions: Instructions, arm: Arm, start: Array | None = Non
         elif posed[k]:
             rotation[k] = _turn_axis(rotation[k], instructions.axis[k])
     need = np.flatnonzero(posed & ~(bent & ~instructions.straight))
-    near = np.asarray(arm.robot.lower + arm.robot.upper) / 2 if start is None else start
-    near = np.where(np.isfinite(near), near, 0.0)
+    near = middle_of_limits(arm.robot) if start is None else start
     if len(need):
         _choose_branches(instructions, arm, q, (position, rotation), need, near)
     frames = locate_frames(arm.chain, q)
