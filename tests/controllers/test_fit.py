@@ -8,9 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from compplan.controllers.readback.fanuc_abb import read_rapid
 from compplan.controllers.readback.fitted import PlannedRows, follow_moves
-from compplan.controllers.readback.kuka_staubli import read_krl
+from compplan.controllers.readback.languages import read_krl, read_rapid
 from compplan.controllers.readback.poses import Move
 from compplan.controllers.shapes import find_circle
 from compplan.controllers.writers import Program, build_program, write_program

@@ -14,9 +14,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.controllers.readback.fanuc_abb import read_csv, read_fanuc, read_rapid
 from compplan.controllers.readback.fitted import FEED_STEP, PlannedRows, check_corners, follow_moves
-from compplan.controllers.readback.kuka_staubli import read_krl, read_val3
+from compplan.controllers.readback.joint_table import read_csv
+from compplan.controllers.readback.languages import read_fanuc, read_krl, read_rapid, read_val3
 from compplan.controllers.readback.poses import Move, Pose, fanuc_pose
 from compplan.controllers.readback.reported import ReportedProgram, read_words
 from compplan.controllers.readback.scripts import read_inform, read_kawasaki, read_sinumerik, read_urscript

@@ -48,9 +48,8 @@ class PostureWord:
 def read_words(counting: JointConvention, robot: Robot, q: Array) -> dict[str, PostureWord]:
     """Return the configuration words of postures. Shape (n, nq). [rad or m]"""
     return {
-        key: PostureWord(np.where(above, word.above, word.below), clear > DOUBTFUL, word.status, word.native)
-        for key, (above, clear) in measure_words(counting, robot, q).items()
-        for word in [counting.words[key]]
+        key: PostureWord(values, distance > DOUBTFUL, counting.words[key].status, counting.words[key].native)
+        for key, (values, distance) in measure_words(counting, robot, q).items()
     }
 
 

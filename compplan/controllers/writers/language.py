@@ -12,7 +12,7 @@ import numpy as np
 
 from compplan.controllers.writers.fit import Fitted, fit_moves
 from compplan.controllers.writers.machine import Phrases, phrase_events
-from compplan.controllers.writers.post import CellWords, check_cell, name_main, render_post
+from compplan.controllers.writers.post import CellWords, check_cell, render_post
 from compplan.controllers.writers.program import Program, head_lines, joint_percent
 from compplan.controllers.writers.text import LANGUAGES, legal_name
 from compplan.controllers.writers.zones import OTHER, ZONES, find_zones, stop_at_corners
@@ -132,7 +132,7 @@ class ProgramForm:
     def name_program(self, program: Program, most: int) -> str:
         """Return the name of a program, without its ending."""
         room = len(str(max(1, -(-len(program) // max(most, 1))))) if self.numbered else 0
-        own = name_main(program) if self.by_main else program.name
+        own = (self.by_main and program.post.main) or program.name
         name = legal_name(own, self.longest - room, reserved=self.reserved)
         return {"upper": name.upper(), "lower": name.lower()}.get(self.letters, name)
 

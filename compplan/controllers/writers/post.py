@@ -70,11 +70,6 @@ def describe_cell(post: Post, cell: CellWords) -> list[Stop]:
     return [Stop(f"{data} of the cell have to hold the values that the head of the program states")] if data else []
 
 
-def name_main(program: Program) -> str:
-    """Return the job's name of the main program, otherwise the name of the program."""
-    return program.post.main or program.name
-
-
 def render_post(program: Program, language: str, words: Mapping[str, Any]) -> str:
     """Render a program's text with the template of the language, or of the user.
 
