@@ -123,12 +123,7 @@ def _first_frame(axis: Array) -> Array:
 
 def _turn_axis(rotation: Array, axis: Array) -> Array:
     """Rotate a frame by the smallest angle that aligns its z with the reversed tool axis."""
-    across, cosine = np.cross(rotation[:, 2], -axis), float(rotation[:, 2] @ -axis)
-    size = float(np.linalg.norm(across))
-    if size < 1e-12:
-        return rotation if cosine > 0 else rotation @ np.diag([1.0, -1.0, -1.0])
-    turn = across / size * np.arctan2(size, cosine)
-    return np.asarray(Rotation.from_rotvec(turn).as_matrix() @ rotation)
+    return np.asarray(Rotation.align_vectors(-axis, rotation[:, 2])[0].as_matrix() @ rotation)
 
 
 def _choose_branches(

@@ -87,7 +87,8 @@ def compare_written(
     breaches, notes = list[str](), list[str]()
     if not languages:
         return breaches, notes
-    cell = _Cell(load_robot(robot), load_controller(load_robot(robot)), arm)
+    model = load_robot(robot)
+    cell = _Cell(model, load_controller(model), arm)
     joints = to_controller(cell.counting, planned.q)
     reported = _report_rows(cell, planned, joints)
     squared, kept = planned.square_corners()

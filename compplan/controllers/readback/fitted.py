@@ -102,14 +102,9 @@ def check_corners(rows: PlannedRows) -> list[str]:
 def _follow(rows: PlannedRows, a: int, b: int, move: Move, base: Array) -> str:
     """Return a message if rows of a move lie too far from it, or its rotation is not even; otherwise ""."""
     x = rows.position[a : b + 1]
-    if move.kind == "arc":
-        assert move.via is not None
-        arc = follow_arc(x, (base @ move.via)[:3, 3])
-        if arc is None:
-            return "an arc that is too flat, too long or not passed by its middle"
-        found = arc
-    else:
-        found = follow_line(x)
+    found = follow_line(x) if move.via is None else follow_arc(x, (base @ move.via)[:3, 3])
+    if found is None:
+        return "an arc that is too flat, too long or not passed by its middle"
     off, share = found
     if off.max() > rows.fit + ROUNDING:
         return f"the planned tip is {1e3 * off.max():.3g} um off the move"

@@ -77,7 +77,7 @@ def _round_feeds(feed: Array) -> Array:
 
 
 def _format_part(part: ProgramPart) -> dict[str, str]:
-    program, frame = part.program, _user_frame(part)
+    program, frame = part.program, int(part.program.post.base or 1) if part.linear else 0
     configuration = (state_configurations(program) or []) if part.linear and not program.moves_part else []
     arcs = {move.row: number for number, move in enumerate((m for m in part.moves if m.via), len(part.moves) + 1)}
     lines, positions, vias = [], [], []
@@ -95,12 +95,8 @@ def _format_part(part: ProgramPart) -> dict[str, str]:
 
 
 def _format_calls(part: ProgramPart) -> dict[str, str]:
-    text = format_program(part.name, part.program, _user_frame(part), [], [], True, [*part.parts])
-    return {f"{part.name}.LS": text}
-
-
-def _user_frame(part: ProgramPart) -> int:
-    return int(part.program.post.base or 1) if part.linear else 0
+    frame = int(part.program.post.base or 1) if part.linear else 0
+    return {f"{part.name}.LS": format_program(part.name, part.program, frame, [], [], True, [*part.parts])}
 
 
 def _format_move(program: Program, move: WrittenMove, number: int, via: int | None, linear: bool) -> str:

@@ -15,7 +15,7 @@ from compplan.controllers.writers.machine import Phrases, phrase_events
 from compplan.controllers.writers.post import CellWords, check_cell, render_post
 from compplan.controllers.writers.program import Program, head_lines, joint_percent
 from compplan.controllers.writers.text import LANGUAGES, legal_name
-from compplan.controllers.writers.zones import OTHER, ZONES, find_zones, stop_at_corners
+from compplan.controllers.writers.zones import OTHER, ZONES, find_zones, mark_narrow
 from compplan.errors import InputError
 from compplan.io.tables import Array, write_text
 
@@ -121,7 +121,8 @@ class ProgramForm:
             texts |= self.format_kind(program, name, points, format_part, format_main, linear=False)
         if can and program.form != "joint":
             fitted = self.fit(program).program
-            fitted = fitted if self.narrows else stop_at_corners(fitted, self.language)
+            if not self.narrows:  # stop where the default zone is too large
+                fitted = replace(fitted, exact=fitted.stops(linear=True) | mark_narrow(fitted, self.language))
             texts |= self.format_kind(fitted, name, points, format_part, format_main, linear=True)
         return write_texts(folder, texts, self.newline)
 
