@@ -140,9 +140,9 @@ def format_program(
     base = program.base_frame if frame and not program.moves_part else None
     wanted = [("UTOOL", cell.tool, program.tool), ("UFRAME", cell.base, base)]
     words = {
-        "name": name, "comments": [clean_text(line, LONGEST_REMARK) for line in head_lines(program)], "cell": cell,
-        "main": main, "frame": frame, "register": REGISTER, "moves": moves, "parts": parts, "positions": positions,
-        "groups": ["1", *("1" if number == second else "*" for number in range(2, 6))],
+        "name": name, "comments": [clean_text(line, LONGEST_REMARK) for line in head_lines(program)],
+        "cell": cell.words, "main": main, "frame": frame, "register": REGISTER, "moves": moves, "parts": parts,
+        "positions": positions, "groups": ["1", *("1" if number == second else "*" for number in range(2, 6))],
         "frames": [(key, number, place_numbers(pose, "xyz")) for key, number, pose in wanted if pose is not None],
     }  # fmt: skip
     before, rest = render_post(program, "fanuc_ls", words).split("/MN\n", 1)

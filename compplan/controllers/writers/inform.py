@@ -99,7 +99,7 @@ def format_job(
     words = {
         "name": name, "count": sum(line.startswith("C") for line in points), "points": points, "main": main,
         "station": program.moves_part,
-        "cell": program.post, "tool_variable": TOOL_VARIABLE,
+        "cell": program.post.words, "tool_variable": TOOL_VARIABLE,
         "user": "///POSTYPE USER" in points,
         "frame_variable": FRAME_VARIABLE, "tool": list_numbers(place_numbers(program.tool, "xyz"), 7),
         "base": list_numbers(place_numbers(program.base_frame, "xyz"), 7), "moves": moves, "parts": parts,

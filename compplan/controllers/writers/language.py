@@ -65,7 +65,7 @@ class ProgramPart:
     def render(self, language: str, **words: object) -> str:
         """Return the text of a language's template, with these words and those common to all templates."""
         program = self.program
-        known = {"name": self.name, "parts": [*self.parts], "comments": head_lines(program), "cell": program.post}
+        known = {"name": self.name, "parts": [*self.parts], "comments": head_lines(program), "cell": program.post.words}
         return render_post(program, language, {**known, **words})
 
 

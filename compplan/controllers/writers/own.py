@@ -29,7 +29,7 @@ def write(program: Program, folder: Path, most: int | None = None) -> list[Path]
     fitted = program if program.form == "joint" else fit_moves(program).program
     name = legal_name(program.post.main or program.name, LONGEST_NAME)
     words = {
-        "name": name, "comments": head_lines(program), "cell": program.post,
+        "name": name, "comments": head_lines(program), "cell": program.post.words,
         "robot": program.robot, "controller": program.controller, "joint_names": list(program.joint_names),
         "tool": _tabulate_poses(program.tool[None])[0], "base": _tabulate_poses(program.base_frame[None])[0],
         "mass_kg": program.mass, "centre_mm": (program.centre * 1e3).tolist(), "moves": _list_moves(fitted),

@@ -47,6 +47,11 @@ class Post:
     overwrite: bool = False  #: Whether programs overwrite the cell's tool data and frame with those of the job.
     main: str | None = None  #: Name of the main program, None for that of the job.
 
+    @property
+    def words(self) -> dict[str, Any]:
+        """The settings that a template gets: all but its file, an object with methods that write files."""
+        return {key: value for key, value in vars(self).items() if key != "template"}
+
 
 @dataclass(frozen=True, eq=False)
 class Program:
