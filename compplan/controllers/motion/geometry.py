@@ -141,11 +141,8 @@ def _choose_branches(
             target, found = q[k] if given[k] else near, slots[row][solved[row]]
             turned = found + np.round((target - found) / (2 * np.pi)) * full
             inside = (turned >= lower) & (turned <= upper)
-            if not inside.all():  # a pose near or beyond a limit
-                found = np.where(inside.all(axis=1)[:, None], turned, found)
-                found = found[((found >= lower - 1e-9) & (found <= upper + 1e-9)).all(axis=1)]
-            else:
-                found = turned
+            found = np.where(inside.all(axis=1)[:, None], turned, found)
+            found = found[((found >= lower - 1e-9) & (found <= upper + 1e-9)).all(axis=1)]
             if not len(found):
                 raise InputError("no joints within the limits reach this pose, expected one within reach",
                                  file=instructions.file, where=int(instructions.lines[k]))  # fmt: skip

@@ -55,7 +55,7 @@ class PlannedRows:
         """Return the rows with corners in place of their roundings, and the indices of the remaining rows."""
         kept = np.flatnonzero(np.isfinite(self.corner[:, 0]))
         rows = replace(
-            self, **{key: values[kept] for key, values in vars(self).items() if isinstance(values, np.ndarray)}
+            self, **{key: values[kept] for key, values in vars(self).items() if key != "fit" and values is not None}
         )
         return replace(rows, position=rows.position + rows.corner), kept
 

@@ -326,10 +326,8 @@ def _find_tool0(robot: Robot) -> Array | None:
     except InputError:
         return None
     (carrier, flange), (other, tool) = tails
-    if carrier != other:
-        return None
     turn = np.linalg.inv(flange) @ tool
-    if np.abs(turn[:3, 3]).max() > SAME_PLACE:
+    if carrier != other or np.abs(turn[:3, 3]).max() > SAME_PLACE:
         return None
     turn[:3, 3] = 0.0
     return np.asarray(turn)
