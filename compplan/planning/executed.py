@@ -115,7 +115,7 @@ def _follow_program(
     length = np.r_[0.0, np.cumsum(step + 1e-9)]
     reached, s = path.q, path.s
     if known:
-        driven = schedule_path(path, motion).s
+        driven = schedule_path(path, motion)
         reached = follow_command(follow_path(path, driven), motion)
         s = np.r_[np.zeros(round(motion.lag.mean() / motion.cycle)), driven][: len(reached)]
     some = slice(None, None, -(-len(s) // MOST_PLACES))

@@ -106,7 +106,7 @@ def share_causes(gaps: dict[str, Array]) -> dict[str, float]:
 
 def _describe_log(trace: PlacedLog) -> dict[str, Any]:
     """Return rows, clock and extent along the program of a log."""
-    log, s = trace.log, trace.places.s
+    log, s = trace.log, trace.s
     return {
         "log": log.file.name, "program": trace.nodes.instructions.file.name, "rows": len(log),
         "cycle_ms": 1e3 * log.cycle, "torn_readings": int(log.torn.sum()), "late_share": log.late,

@@ -9,8 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from compplan.controllers.readback.fanuc_abb import read_fanuc, read_rapid
-from compplan.controllers.readback.kuka_staubli import read_krl, read_val3
+from compplan.controllers.readback.languages import read_fanuc, read_krl, read_rapid, read_val3
 from compplan.controllers.readback.scripts import read_inform, read_kawasaki, read_sinumerik, read_urscript
 from compplan.controllers.writers import Program, build_program, write_program
 from compplan.controllers.writers.fit import fit_moves

@@ -8,9 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from compplan.controllers.readback.fanuc_abb import read_rapid
 from compplan.controllers.readback.fitted import PlannedRows, follow_moves
-from compplan.controllers.readback.kuka_staubli import read_krl
+from compplan.controllers.readback.languages import read_krl, read_rapid
 from compplan.controllers.readback.poses import Move
 from compplan.controllers.shapes import find_circle
 from compplan.controllers.writers import Program, build_program, write_program
@@ -96,16 +95,22 @@ def test_rows_that_bring_in_a_correction_at_rest_are_one_move_with_a_speed_that_
     assert float(f"{1e-3 * fitted.program.feed[1]:.6f}") > 0.0  # as KRL writes it
 
 
+def plan_rows(x: np.ndarray, rotation: np.ndarray, time: np.ndarray, *, free: bool) -> PlannedRows:
+    """Rows of a cut without corners, from its tips [mm], orientations and times."""
+    n = len(x)
+    no, zero = np.zeros(n, bool), np.zeros(n)
+    return PlannedRows(x, rotation, np.zeros((n, 6)), time, zero, no, no | free, None, zero, np.zeros((n, 3)), 2e-3)
+
+
 def test_a_way_back_below_the_rounding_of_written_positions_is_none_and_one_above_it_is_read() -> None:
     for size, said in ((1e-4, ""), (1e-2, "the path turns back")):
         x = size * np.array([[0.0, 0, 0], [2.0, 0, 0], [1.0, 0, 0]])
         turns = np.tile(np.eye(3), (3, 1, 1))
-        no = np.zeros(3, bool)
-        rows = PlannedRows(x, turns, np.arange(3.0), no, ~no, 2e-3, 0.004)
+        rows = plan_rows(x, turns, np.arange(3.0), free=True)
         pose = np.eye(4)
         pose[:3, 3] = x[-1]
         moves = [Move("line", True, pose=np.eye(4)), Move("line", True, pose=pose)]
-        found = follow_moves(rows, np.array([0, 2]), moves, [np.eye(4)] * 2)
+        found = follow_moves(rows, 0.004, np.array([0, 2]), moves, [np.eye(4)] * 2)
         assert found == ([f"{said} between rows 0 and 2"] if said else [])
 
 
@@ -191,11 +196,7 @@ def test_an_arc_that_the_correction_bends_is_divided(tmp_path: Path) -> None:
 
 def rows_of(program: Program) -> PlannedRows:
     assert program.tcp is not None and program.time is not None
-    n = len(program)
-    kept = np.zeros(n, bool)
-    kept[[0, -1]] = True
-    tip = program.tcp
-    return PlannedRows(1e3 * tip[:, :3, 3], tip[:, :3, :3], program.time, kept, np.zeros(n, bool), 2e-3, 4e-3)
+    return plan_rows(1e3 * program.tcp[:, :3, 3], program.tcp[:, :3, :3], program.time, free=False)
 
 
 def test_the_reader_knows_starts_from_rest_by_itself() -> None:
@@ -207,8 +208,10 @@ def test_the_reader_knows_starts_from_rest_by_itself() -> None:
     end[:3, 3] = [way[-1], 0.0, 0.0]
     for feed, fine in ((20.0, True), (19.0, False)):
         moves = [Move("joint", True, pose=start), Move("line", True, pose=end, feed=feed)]
-        assert (follow_moves(rows, ends, moves, [np.eye(4)] * 2) == []) == fine
-    assert follow_moves(rows, ends, [moves[0]._replace(stops=False), moves[1]._replace(feed=20.0)], [np.eye(4)] * 2)
+        assert (follow_moves(rows, 0.004, ends, moves, [np.eye(4)] * 2) == []) == fine
+    assert follow_moves(
+        rows, 0.004, ends, [moves[0]._replace(stops=False), moves[1]._replace(feed=20.0)], [np.eye(4)] * 2
+    )
 
 
 def test_moves_name_the_line_of_the_cam_file_at_which_they_end(tmp_path: Path) -> None:

@@ -14,8 +14,8 @@ from commandline import run_command
 from golden_cell import CENTRE, COUNTING, FEED, MASS, PART, TOOL, WAYPOINTS, forward, write_job, write_robot
 
 from compplan.controllers.readback.comparison import compare_declared, read_declared
-from compplan.controllers.readback.fanuc_abb import read_csv, read_fanuc, read_rapid
-from compplan.controllers.readback.kuka_staubli import read_krl, read_val3
+from compplan.controllers.readback.joint_table import read_csv
+from compplan.controllers.readback.languages import read_fanuc, read_krl, read_rapid, read_val3
 from compplan.controllers.readback.poses import Move, kuka_pose, shift
 from compplan.controllers.readback.scripts import read_inform, read_kawasaki, read_sinumerik, read_urscript
 from compplan.controllers.writers import Program, build_program, write_program

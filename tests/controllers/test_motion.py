@@ -17,8 +17,7 @@ import compplan.controllers.writers
 from compplan.controllers.motion.geometry import Nodes, build_path, locate_nodes
 from compplan.controllers.motion.instructions import Instructions, read_instructions
 from compplan.controllers.motion.run import execute_program, follow_command, lag_command, limit_speed
-from compplan.controllers.readback.fanuc_abb import read_fanuc, read_rapid
-from compplan.controllers.readback.kuka_staubli import read_krl, read_val3
+from compplan.controllers.readback.languages import read_fanuc, read_krl, read_rapid, read_val3
 from compplan.controllers.readback.scripts import read_inform, read_kawasaki, read_sinumerik, read_urscript
 from compplan.controllers.shapes import MoveArc
 from compplan.controllers.writers import WRITERS, Program, build_program, kawasaki_as, widest_zone, write_program

@@ -12,9 +12,8 @@ import pinocchio as pin
 import pytest
 from scipy.spatial.transform import Rotation
 
-from compplan.controllers.readback.fanuc_abb import read_fanuc, read_rapid
-from compplan.controllers.readback.kuka_staubli import read_krl as read_krl_program
-from compplan.controllers.readback.kuka_staubli import read_val3
+from compplan.controllers.readback.languages import read_fanuc, read_rapid, read_val3
+from compplan.controllers.readback.languages import read_krl as read_krl_program
 from compplan.controllers.readback.scripts import read_urscript
 from compplan.controllers.writers import Program, build_program, write_program
 from compplan.controllers.writers.krl import turn_bits

@@ -11,8 +11,7 @@ import pytest
 from commandline import run_command
 from golden_cell import write_job
 
-from compplan.controllers.readback.fanuc_abb import read_fanuc
-from compplan.controllers.readback.kuka_staubli import read_krl
+from compplan.controllers.readback.languages import read_fanuc, read_krl
 from compplan.controllers.readback.scripts import read_inform, read_sinumerik
 from compplan.controllers.writers import Program, build_program, write_program
 from compplan.controllers.writers.post import read_post

@@ -12,7 +12,7 @@ import pytest
 from commandline import run_command
 from golden_cell import write_job
 
-from compplan.controllers.readback.kuka_staubli import read_krl
+from compplan.controllers.readback.languages import read_krl
 from compplan.controllers.readback.scripts import read_urscript
 from compplan.controllers.writers import Program, build_program, check_brand, describe_program, write_program
 from compplan.errors import InputError, ShapeError

@@ -15,8 +15,7 @@ from commandline import run_command
 
 import compplan as cp
 import compplan.reporting.writers.plan as outputs
-from compplan.controllers.readback.fanuc_abb import read_rapid
-from compplan.controllers.readback.kuka_staubli import read_krl
+from compplan.controllers.readback.languages import read_krl, read_rapid
 from compplan.controllers.writers import build_program, write_program, write_sequence
 from compplan.errors import InputError
 from compplan.job.job import check_job, load_job

@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from compplan.controllers.readback.fanuc_abb import read_fanuc, read_rapid
-from compplan.controllers.readback.kuka_staubli import read_krl
+from compplan.controllers.readback.languages import read_fanuc, read_krl, read_rapid
 from compplan.controllers.readback.poses import Move
 from compplan.controllers.readback.scripts import read_inform
 from compplan.controllers.writers import Program, build_program, check_languages, fanuc_ls, inform, krl

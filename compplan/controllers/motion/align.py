@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -27,25 +25,19 @@ MOST_TRIED, WORSE, APART = 300, 0.005, 0.05
 SIDE = 6
 
 
-@dataclass(frozen=True)
-class Places:
-    """Positions of rows along a path."""
-
-    s: Array  #: Length along it. Shape (n,). [m]
-    point: Array  #: Nearest point of it. Shape (n, 3). [m]
-    distance: Array  #: Distance across it. Shape (n,). [m]
-
-
-def place_rows(path: Path, tip: Array, way: Array) -> Places:
+def place_rows(path: Path, tip: Array, way: Array) -> tuple[Array, Array]:
     """Find every row of a log on the programmed path, in order, block by block.
 
     The distance moved by the tip so far limits the search, so that repeated passes of the same place are distinguished.
     Tips of the rows have shape (n, 3), the distance moved up to each (n,). [m]
+
+    Returns:
+        Length along the path, shape (n,), and nearest point of the path, shape (n, 3). [m]
     """
     s = _follow_rows(path, tip, way, find_start(path, tip, way))
     index = np.searchsorted(path.s, s)
     point, share = find_nearest(path.position, index, tip, SIDE)
-    return Places(np.interp(share, np.arange(len(path.s)), path.s), point, np.linalg.norm(tip - point, axis=1))
+    return np.interp(share, np.arange(len(path.s)), path.s), point
 
 
 def _follow_rows(path: Path, tip: Array, way: Array, here: float) -> Array:

@@ -25,7 +25,7 @@ from compplan.controllers.writers.zones import FASTEST, mark_moves
 from compplan.errors import InfeasibleError, InputError
 from compplan.robot import Array
 from compplan.statics.chain import Chain, locate_frames
-from compplan.statics.ik import Arm, pose_error, refine_ik, solve_branches
+from compplan.statics.ik import Arm, middle_of_limits, pose_error, refine_ik, solve_branches
 
 #: Step between points of a path, and points of a blend. [m]
 STEP, BLEND_POINTS = 1e-3, 12
@@ -104,8 +104,7 @@ def locate_nodes(instructions: Instructions, arm: Arm, start: Array | None = Non
         elif posed[k]:
             rotation[k] = _turn_axis(rotation[k], instructions.axis[k])
     need = np.flatnonzero(posed & ~(bent & ~instructions.straight))
-    near = np.asarray(arm.robot.lower + arm.robot.upper) / 2 if start is None else start
-    near = np.where(np.isfinite(near), near, 0.0)
+    near = middle_of_limits(arm.robot) if start is None else start
     if len(need):
         _choose_branches(instructions, arm, q, (position, rotation), need, near)
     frames = locate_frames(arm.chain, q)
@@ -124,12 +123,7 @@ def _first_frame(axis: Array) -> Array:
 
 def _turn_axis(rotation: Array, axis: Array) -> Array:
     """Rotate a frame by the smallest angle that aligns its z with the reversed tool axis."""
-    across, cosine = np.cross(rotation[:, 2], -axis), float(rotation[:, 2] @ -axis)
-    size = float(np.linalg.norm(across))
-    if size < 1e-12:
-        return rotation if cosine > 0 else rotation @ np.diag([1.0, -1.0, -1.0])
-    turn = across / size * np.arctan2(size, cosine)
-    return np.asarray(Rotation.from_rotvec(turn).as_matrix() @ rotation)
+    return np.asarray(Rotation.align_vectors(-axis, rotation[:, 2])[0].as_matrix() @ rotation)
 
 
 def _choose_branches(
@@ -147,11 +141,8 @@ def _choose_branches(
             target, found = q[k] if given[k] else near, slots[row][solved[row]]
             turned = found + np.round((target - found) / (2 * np.pi)) * full
             inside = (turned >= lower) & (turned <= upper)
-            if not inside.all():  # a pose near or beyond a limit
-                found = np.where(inside.all(axis=1)[:, None], turned, found)
-                found = found[((found >= lower - 1e-9) & (found <= upper + 1e-9)).all(axis=1)]
-            else:
-                found = turned
+            found = np.where(inside.all(axis=1)[:, None], turned, found)
+            found = found[((found >= lower - 1e-9) & (found <= upper + 1e-9)).all(axis=1)]
             if not len(found):
                 raise InputError("no joints within the limits reach this pose, expected one within reach",
                                  file=instructions.file, where=int(instructions.lines[k]))  # fmt: skip

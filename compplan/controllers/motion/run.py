@@ -57,15 +57,15 @@ def execute_program(file: File, robot: Robot, start: Array | None = None) -> Exe
     instructions = read_instructions(file, robot)
     arm = build_arm(robot)
     path = build_path(locate_nodes(instructions, arm, start), arm, motion.blend_share)
-    command = schedule_path(path, motion)
-    if command.time[-1] > LONGEST_STEP * MOST_ROWS:
-        took, most = command.time[-1] / 3600, LONGEST_STEP * MOST_ROWS / 3600
+    scheduled = schedule_path(path, motion)
+    cycles = motion.cycle * np.arange(len(scheduled))
+    if cycles[-1] > LONGEST_STEP * MOST_ROWS:
+        took, most = cycles[-1] / 3600, LONGEST_STEP * MOST_ROWS / 3600
         raise InfeasibleError(f"the program takes {took:.1f} h, at most {most:.1f} h are executed; cut it")
     step = motion.cycle / np.ceil(motion.cycle / LONGEST_STEP - 1e-9)
-    time = np.arange(0.0, command.time[-1] + REST * float(motion.lag.max()) + step, step)
-    q = follow_path(path, np.interp(time, command.time, command.s))
+    time = np.arange(0.0, cycles[-1] + REST * float(motion.lag.max()) + step, step)
     fine = replace(motion, cycle=step)
-    q = follow_command(q, fine)
+    q = follow_command(follow_path(path, np.interp(time, cycles, scheduled)), fine)
     notes = []
     if assumed:
         notes.append(f"assumed of the controller: {', '.join(assumed)}; compplan trace identifies them from a log")
@@ -80,14 +80,6 @@ def write_executed(executed: Executed, robot: Robot, file: File) -> None:
     for axis, values in zip("xyz", executed.position.T, strict=True):
         columns[f"{axis}_mm"] = 1e3 * values
     write_table(file, columns)
-
-
-@dataclass(frozen=True)
-class Schedule:
-    """Length along a path over time, smoothed as by the controller's interpolator."""
-
-    time: Array  #: Instants, a cycle apart. Shape (k,). [s]
-    s: Array  #: Length along the path. Shape (k,). [m]
 
 
 def limit_speed(path: Path, motion: ServoMotion) -> Array:
@@ -114,8 +106,11 @@ def limit_speed(path: Path, motion: ServoMotion) -> Array:
     return np.sqrt(np.maximum(square, 0.0))
 
 
-def schedule_path(path: Path, motion: ServoMotion) -> Schedule:
-    """Compute the schedule of a path at the controller's cycle; at exact stops the smoothing comes to rest."""
+def schedule_path(path: Path, motion: ServoMotion) -> Array:
+    """Return the length along a path at the controller's cycle, smoothed as by its interpolator. Shape (k,). [m]
+
+    At exact stops the smoothing comes to rest.
+    """
     speed = limit_speed(path, motion)
     step = np.diff(path.s)
     duration = 2.0 * step / np.maximum(speed[:-1] + speed[1:], 1e-6)
@@ -126,7 +121,7 @@ def schedule_path(path: Path, motion: ServoMotion) -> Schedule:
     total = leave[-1] + motion.smoothing
     time = np.arange(0.0, total + motion.cycle, motion.cycle)
     s = _move_evenly(path.s, speed, arrive, leave, time)
-    return Schedule(time, _average(s, max(1, round(motion.smoothing / motion.cycle))))
+    return _average(s, max(1, round(motion.smoothing / motion.cycle)))
 
 
 def _move_evenly(s: Array, speed: Array, arrive: Array, leave: Array, time: Array) -> Array:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.controllers.motion.align import Places, find_nearest, measure_way, place_rows
+from compplan.controllers.motion.align import find_nearest, measure_way, place_rows
 from compplan.controllers.motion.geometry import STEP, Nodes, Path, build_path, follow_path, locate_nodes
 from compplan.controllers.motion.instructions import read_instructions
 from compplan.controllers.motion.log import Log, read_log
@@ -79,7 +79,8 @@ class PlacedLog:
     log: Log  #: The log.
     nodes: Nodes  #: Ends of the program's moves.
     rows: NDArray[np.int_]  #: Placed rows of the log. Shape (n,).
-    places: Places  #: Their positions along the programmed path. Shape (n,).
+    s: Array  #: Their lengths along the programmed path. Shape (n,). [m]
+    point: Array  #: Their nearest points of the programmed path. Shape (n, 3). [m]
     programmed: Path  #: The programmed path.
 
 
@@ -94,12 +95,12 @@ def load_trace(file: File, program: File, robot: Robot, arm: Arm) -> PlacedLog:
     programmed = build_path(nodes, arm, 0.0, max(STEP, float(nodes.length.sum()) / MOST_POINTS))
     rows = np.arange(0, len(log), max(1, -(-len(log) // MOST_PLACED)))
     tip = locate_frames(arm.chain, log.q[rows]).tcp_position
-    places = place_rows(programmed, tip, measure_way(log.time[rows], tip))
-    usual = float(np.median(places.distance))
+    s, point = place_rows(programmed, tip, measure_way(log.time[rows], tip))
+    usual = float(np.median(np.linalg.norm(tip - point, axis=1)))
     if usual > OTHER_PROGRAM:
         message = f"its rows are {1e3 * usual:.0f} mm beside {program} (median), expected a log of this program"
         raise InputError(f"{message}; check the units in the names of its columns", file=file)
-    return PlacedLog(log, nodes, rows, places, programmed)
+    return PlacedLog(log, nodes, rows, s, point, programmed)
 
 
 def cut_windows(traces: list[PlacedLog], arm: Arm) -> list[Window]:
@@ -128,7 +129,7 @@ def _divide_rows(trace: PlacedLog) -> list[tuple[int, int]]:
 def _cut_window(trace: PlacedLog, number: int, span: tuple[int, int], arm: Arm) -> Window | None:
     log, ends, feed = trace.log, trace.programmed.ends, trace.nodes.instructions.feed
     part = slice(*span)
-    s, rows = trace.places.s[part], trace.rows[part]
+    s, rows = trace.s[part], trace.rows[part]
     speed = np.linalg.norm(_tip_rate(arm, log.q[rows], log.rate[rows]), axis=1)
     moves = (speed > RESTING) & (s > ends[0]) & (s < ends[-1])
     if moves.sum() < 10:
@@ -148,7 +149,7 @@ def _cut_window(trace: PlacedLog, number: int, span: tuple[int, int], arm: Arm) 
     leverage = np.sqrt((levers**2).sum(axis=2).mean(axis=1)) + 0.02
     nodes = _slice_nodes(trace.nodes, first, last + 1)
     return Window(number, nodes, s[keep] - ends[first], q, log.rate[chosen], tip, torn_shift,
-                  trace.places.point[part][keep], leverage, build_path(nodes, arm, 0.0))  # fmt: skip
+                  trace.point[part][keep], leverage, build_path(nodes, arm, 0.0))  # fmt: skip
 
 
 def _tip_rate(arm: Arm, q: Array, rate: Array) -> Array:
@@ -161,8 +162,7 @@ def _tip_rate(arm: Arm, q: Array, rate: Array) -> Array:
 def _slice_nodes(nodes: Nodes, first: int, end: int) -> Nodes:
     """Return some of the moves; the first one is the start of the section."""
     part, moves = slice(first, end), nodes.instructions
-    cut = replace(moves, lines=moves.lines[part], straight=moves.straight[part], position=moves.position[part],
-                  axis=moves.axis[part], q=moves.q[part], feed=moves.feed[part], zone=moves.zone[part])  # fmt: skip
+    cut = replace(moves, **{key: values[part] for key, values in vars(moves).items() if key != "file"})
     length = nodes.length[part].copy()
     length[0] = 0.0
     return Nodes(cut, nodes.q[part], nodes.position[part], nodes.rotation[part], length)
@@ -193,8 +193,8 @@ def run_window(window: Window, motion: ServoMotion, arm: Arm) -> WindowRun:
     key = motion.blend_share, motion.acceleration, motion.smoothing
     if window.latest.get("key") != key:
         path, lengths = window.lay_path(arm, motion.blend_share)
-        schedule = schedule_path(path, replace(motion, cycle=CYCLE))
-        s = np.r_[schedule.s, np.full(round(REST / CYCLE), schedule.s[-1])]
+        scheduled = schedule_path(path, replace(motion, cycle=CYCLE))
+        s = np.r_[scheduled, np.full(round(REST / CYCLE), scheduled[-1])]
         at = np.interp(lengths, s + 1e-9 * np.arange(len(s)), np.arange(len(s)))
         command = follow_path(path, s)
         window.latest.update(key=key, command=command, at=at)

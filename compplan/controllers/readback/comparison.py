@@ -8,16 +8,15 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.controllers.readback.fanuc_abb import read_csv, read_fanuc, read_rapid
 from compplan.controllers.readback.fitted import FEED_STEP, PlannedRows, check_corners, follow_moves
-from compplan.controllers.readback.kuka_staubli import read_krl, read_val3
+from compplan.controllers.readback.joint_table import read_csv
+from compplan.controllers.readback.languages import read_fanuc, read_krl, read_rapid, read_val3
 from compplan.controllers.readback.poses import Move, Pose, fanuc_pose
 from compplan.controllers.readback.reported import ReportedProgram, read_words
 from compplan.controllers.readback.scripts import read_inform, read_kawasaki, read_sinumerik, read_urscript
@@ -55,42 +54,20 @@ DECIMAL = re.compile(r"(?<![\w.])-?\d+\.\d+")
 
 
 @dataclass(frozen=True)
-class Commanded:
-    """Planned motion at the rows of programs: approach, path, retreat. Shapes (m, ..)."""
-
-    q: Array  #: Commanded joint positions. [rad or m]
-    time: Array  #: [s]
-    feed: Array  #: Planned feed in the move to each row, 0 in rapid moves. [mm/s]
-    exact_stops: NDArray[np.bool_]  #: Whether the tool has to stop, in addition to the ends of rapid moves.
-    free: NDArray[np.bool_]  #: Whether the move to each row has no prescribed speed.
-    cam_feed: Array  #: Feed of the CAM file in the move to each row. [mm/s]
-    departure: Array  #: Allowed departure of zones from a corner. [m]
-    #: Vector to the corner that replaces a row in tool moves; nan at omitted rows of a rounded corner, 0 at other rows.
-    #: Shape (m, 3). [m]
-    corner: Array
-    fit: float  #: Greatest distance of rows from the tool moves that represent them. [mm]
-
-    def take(self, kept: NDArray[np.int_]) -> Commanded:
-        """Return the planned motion at some of the rows."""
-        return replace(self, **{key: values[kept] for key, values in vars(self).items() if key != "fit"})
-
-
-@dataclass(frozen=True)
 class StiffArm:
     """The unloaded arm with the job's tool, by the controller's kinematic model, and the part in front of it."""
 
     carries_part: bool  #: Whether a positioner carries the part; poses are then in the part frame.
     #: Returns position (n, 3) [m] and rotation (n, 3, 3) of the tool at q (n, nq) [rad or m].
     locate: Callable[[Array], tuple[Array, Array]]
-    #: The same for the pendant's flange.
-    locate_flange: Callable[[Array], tuple[Array, Array]]
-    part: Array  #: Pose of the part frame in the base frame. Shape (4, 4). [m]
+    tool: Array  #: Pose of the tool in the pendant's flange frame. Shape (4, 4). [mm]
+    part: Array  #: Pose of the part frame in the base frame. Shape (4, 4). [mm]
     mass: float | None  #: Mass of the tool, None where it is not stated. [kg]
-    centre: Array  #: Centre of the tool's mass in the TCP frame. Shape (3,). [m]
+    centre: Array  #: Centre of the tool's mass in the TCP frame. Shape (3,). [mm]
 
 
 def compare_written(
-    folder: Path, languages: Sequence[str], robot: Path, arm: StiffArm, planned: Commanded,
+    folder: Path, languages: Sequence[str], robot: Path, arm: StiffArm, planned: PlannedRows,
     find_ends: Callable[[str], tuple[NDArray[np.int_], NDArray[np.bool_]]], *, main: str | None = None,
     may_be_unreadable: bool = False,
 ) -> tuple[list[str], list[str]]:  # fmt: skip
@@ -110,47 +87,50 @@ def compare_written(
     breaches, notes = list[str](), list[str]()
     if not languages:
         return breaches, notes
-    rows = _place_rows(load_robot(robot), arm, planned)
-    reported = _report_rows(rows)
-    squared, kept = rows.square_corners()
-    declared = np.linalg.inv(rows.world) @ rows.part
+    model = load_robot(robot)
+    cell = _Cell(model, load_controller(model), arm)
+    joints = to_controller(cell.counting, planned.q)
+    reported = _report_rows(cell, planned, joints)
+    squared, kept = planned.square_corners()
+    declared = np.linalg.inv(cell.world) @ arm.part
     for language in languages:
         if language not in FORMS:  # a language of a third-party package
             notes.append(f"not checked: there is no independent reader of {language} programs")
             continue
-        for file, found in _read_back(folder, language, rows, main):
+        for file, found in _read_back(folder, language, cell, main):
             if isinstance(found, InputError):
                 messages, prefix = (notes, "not checked: ") if may_be_unreadable else (breaches, "")
                 messages.append(prefix + f"{file.name}: {found.message}"[:200])
                 continue
-            moves = rows.place_joints([move if move.base is not None else move._replace(base=declared)
+            moves = cell.place_joints([move if move.base is not None else move._replace(base=declared)
                                        for move in found if move.kind != "act"])  # fmt: skip
             linear = planned.fit > 0.0 and any(move.kind != "joint" and move.pose is not None for move in moves)
-            every = np.arange(len(rows.shown))
-            own_rows, (ends, may_stop) = (squared, find_ends(language)) if linear else (rows, (every, every < 0))
-            numbers = kept if linear else every
+            every = np.arange(len(joints))
+            rows, numbers, (ends, may_stop) = (
+                (squared, kept, find_ends(language)) if linear else (planned, every, (every, every < 0))
+            )
             held = np.searchsorted(numbers, ends)
-            if rows.arm.carries_part and not all(move.carried or move.kind == "joint" for move in moves):
+            if arm.carries_part and not all(move.carried or move.kind == "joint" for move in moves):
                 messages = ["lines are not driven seen from the part that moves"]
             elif len(moves) != len(ends) or not np.isin(ends, numbers).all():
                 messages = [f"{len(moves)} moves, planned are {len(ends)}"]
-            elif len(missed := np.setdiff1d(np.flatnonzero(own_rows.laid.kept), held)):
+            elif len(missed := np.setdiff1d(np.flatnonzero(rows.kept), held)):
                 messages = [f"no move ends at row {missed[0]}, {len(numbers)} are planned"]
             else:
-                excused_stops = may_stop & ~own_rows.planned.exact_stops[held]
+                excused_stops = may_stop & ~rows.exact_stops[held]
                 moves = [move._replace(stops=False) if may else move
                          for move, may in zip(moves, excused_stops.tolist(), strict=True)]  # fmt: skip
-                messages = own_rows.compare(moves, held) or reported.take(ends).compare(language, moves)
-                corner, departure = 1e3 * planned.corner, 1e3 * planned.departure
-                messages += check_corners(rows.position, corner, departure)[:1] if linear else []
-            if language in ("fanuc_ls", "inform") and not rows.arm.carries_part:
-                messages += compare_declared(file, declared, rows.tool)
+                messages = [cell.compare_joints(moves, joints[ends]), *cell.compare(rows, moves, held)]
+                messages = [text for text in messages if text] or reported.take(ends).compare(language, moves)
+                messages += check_corners(planned)[:1] if linear else []
+            if language in ("fanuc_ls", "inform") and not arm.carries_part:
+                messages += compare_declared(file, declared, arm.tool)
             breaches += [f"{file.name}, read back: {text}" for text in messages]
     return breaches, notes
 
 
 def _read_back(
-    folder: Path, language: str, rows: _Rows, main: str | None
+    folder: Path, language: str, cell: _Cell, main: str | None
 ) -> Iterator[tuple[Path, list[Move] | InputError]]:
     """Return the programs of a language with their moves, or with the error of their reader."""
     patterns, read = FORMS[language]
@@ -158,7 +138,7 @@ def _read_back(
     for file in files:
         try:
             with guard_parser(file, "cannot be read back"):
-                moves = read_csv(file, rows.counting.joint_names, rows.outer.tolist()) if read is None else read(file)
+                moves = read_csv(file, cell.counting.joint_names, cell.outer.tolist()) if read is None else read(file)
         except InputError as error:
             yield file, error
         else:
@@ -188,33 +168,23 @@ def _find_mains(folder: Path, patterns: tuple[str, ...], main: str | None) -> li
 
 
 @dataclass(frozen=True)
-class _Rows:
-    """The commanded arm at the rows of programs, by the controller's kinematic model; mm and deg."""
+class _Cell:
+    """The robot of the programs, by the controller's kinematic model and joint convention; mm and deg."""
 
     robot: Robot
     counting: JointConvention
-    shown: Array  #: Joints in the controller's convention. Shape (m, nq). [deg or mm]
-    position: Array
-    rotation: Array
-    world: Array
-    planned: Commanded
-    part: Array
-    tool: Array
     arm: StiffArm
+
+    @property
+    def world(self) -> Array:
+        """Reference frame of the controller's frames, base frame (in front of a part on a positioner: none)."""
+        world = self.counting.world
+        return np.eye(4) if self.arm.carries_part else build_pose(1e3 * world[:3, 3], world[:3, :3])
 
     @property
     def outer(self) -> NDArray[np.bool_]:
         """External axes: joints that slide, or carry the part. Shape (nq,)."""
         return self.robot.prismatic | self.robot.carriers
-
-    def square_corners(self) -> tuple[_Rows, NDArray[np.int_]]:
-        """Return the rows with corners in place of their roundings, and the indices of the remaining rows."""
-        kept = np.flatnonzero(np.isfinite(self.planned.corner[:, 0]))
-        planned = self.planned.take(kept)
-        position = self.position[kept] + 1e3 * planned.corner
-        return replace(
-            self, shown=self.shown[kept], position=position, rotation=self.rotation[kept], planned=planned
-        ), kept
 
     def list_joints(self, moves: Sequence[Move]) -> Array:
         """Return the joints of moves in the order of the robot's, nan where their number is wrong. [deg or mm]"""
@@ -233,36 +203,24 @@ class _Rows:
         q, placed = from_controller(self.counting, self.list_joints([moves[k] for k in rows])), list(moves)
         for k, position, rotation in zip(rows, *self.arm.locate(q), strict=True):
             placed[k] = moves[k]._replace(
-                pose=np.linalg.inv(self.part) @ build_pose(1e3 * position, rotation), base=self.part
+                pose=np.linalg.inv(self.arm.part) @ build_pose(1e3 * position, rotation), base=self.arm.part
             )
         return placed
 
-    @cached_property
-    def laid(self) -> PlannedRows:
-        """The rows represented by tool moves."""
-        planned = self.planned
-        rapid = planned.feed <= 0.0
-        kept = rapid | planned.exact_stops | np.append(rapid[1:], True)
-        return PlannedRows(
-            self.position, self.rotation, planned.time, kept, planned.free, planned.fit,
-            load_motion(self.robot)[0].cycle, planned.cam_feed, np.abs(planned.corner).max(axis=1) > 0.0,
-        )  # fmt: skip
-
-    def compare(self, moves: list[Move], held: NDArray[np.int_]) -> list[str]:
-        """Return the differences from the plan, for moves that end at some of the rows."""
+    def compare(self, rows: PlannedRows, moves: list[Move], held: NDArray[np.int_]) -> list[str]:
+        """Return the differences from planned rows, for moves that end at some of them; "" where there is none."""
         lines = [move for move in moves if move.kind != "joint"]
-        messages = [self._compare_joints(moves, held), self._compare_places(moves, held), self._compare_tool(moves[0])]
-        every = self._compare_feeds(moves) if len(moves) == len(self.shown) else "rows are left out"
-        if every and self.planned.fit > 0.0 and lines and all(move.pose is not None for move in lines):
+        messages = [self._compare_places(rows, moves, held), self._compare_tool(moves[0])]
+        every = _compare_feeds(rows, moves) if len(moves) == len(rows.time) else "rows are left out"
+        if every and rows.fit > 0.0 and lines and all(move.pose is not None for move in lines):
             bases = [self.world @ np.asarray(move.base) for move in moves]
-            messages += follow_moves(self.laid, held, moves, bases)
-        else:
-            messages.append(every)
-        return [text for text in messages if text]
+            return messages + follow_moves(rows, load_motion(self.robot)[0].cycle, held, moves, bases)
+        return [*messages, every]
 
-    def _compare_joints(self, moves: list[Move], held: NDArray[np.int_]) -> str:
+    def compare_joints(self, moves: list[Move], joints: Array) -> str:
+        """Return the difference of the moves' joints from the planned ones, or ""."""
         rows = [k for k, move in enumerate(moves) if move.joints is not None]
-        off = np.abs(self.list_joints([moves[k] for k in rows]) - self.shown[held[rows]])
+        off = np.abs(self.list_joints([moves[k] for k in rows]) - joints[rows])
         if np.isnan(off).any():
             return f"not {self.robot.nq} joints in every move"
         if off.max(initial=0.0) <= JOINT:
@@ -271,20 +229,20 @@ class _Rows:
         unit = "mm" if self.robot.prismatic[joint] else "deg"
         return f"{self.robot.joint_names[joint]} is {off.max():.4g} {unit} off at row {rows[row]}"
 
-    def _compare_places(self, moves: list[Move], held: NDArray[np.int_]) -> str:
+    def _compare_places(self, planned: PlannedRows, moves: list[Move], held: NDArray[np.int_]) -> str:
         rows = [k for k, move in enumerate(moves) if move.pose is not None and move.base is not None]
         if not rows:
             return ""
         bases = self.world @ np.array([moves[k].base for k in rows])
-        if np.abs(bases - self.part).max() > PLACE:
+        if np.abs(bases - self.arm.part).max() > PLACE:
             return "positions do not count from the part frame of the job"
         tip = bases @ np.array([moves[k].pose for k in rows])
-        off = np.linalg.norm(tip[:, :3, 3] - self.position[held[rows]], axis=1)
+        off = np.linalg.norm(tip[:, :3, 3] - planned.position[held[rows]], axis=1)
         if off.max() > PLACE:
             return f"the tip is {off.max():.4g} mm off at row {rows[int(off.argmax())]}"
         if moves[rows[0]].flange_turn:
             return ""
-        cosine = np.einsum("nij,nij->n", tip[:, :3, :3], self.rotation[held[rows]])
+        cosine = np.einsum("nij,nij->n", tip[:, :3, :3], planned.rotation[held[rows]])
         turned = np.degrees(np.arccos(np.clip(0.5 * (cosine - 1.0), -1.0, 1.0)))
         if turned.max() > TURN:
             return f"the tool is turned by {turned.max():.4g} deg at row {rows[int(turned.argmax())]}"
@@ -293,47 +251,35 @@ class _Rows:
     def _compare_tool(self, move: Move) -> str:
         if move.tool is None:
             return ""
-        off = float(np.linalg.norm(move.tool[:3, 3] - self.tool[:3, 3]))
-        turned = 0.0 if move.flange_turn else float(np.abs(move.tool[:3, :3] - self.tool[:3, :3]).max())
+        off = float(np.linalg.norm(move.tool[:3, 3] - self.arm.tool[:3, 3]))
+        turned = 0.0 if move.flange_turn else float(np.abs(move.tool[:3, :3] - self.arm.tool[:3, :3]).max())
         if off <= PLACE and turned <= MATRIX:
             return ""
-        place, planned = (", ".join(f"{value:.4g}" for value in tool[:3, 3]) for tool in (move.tool, self.tool))
+        place, planned = (", ".join(f"{value:.4g}" for value in tool[:3, 3]) for tool in (move.tool, self.arm.tool))
         return f"the tool is at ({place}) mm from the pendant's flange, the job's at ({planned})"
 
-    def _compare_feeds(self, moves: list[Move]) -> str:
-        planned = np.maximum(self.planned.feed, 0.0)
-        stated = np.array([np.nan if move.feed is None else move.feed for move in moves])
-        off = np.minimum(np.abs(stated - planned), np.abs(stated - np.maximum(planned, LEAST_FEED))) - FEED_STEP
-        off[(planned == 0.0) | np.isnan(stated)] = -1.0
-        if off.max(initial=-1.0) <= 0.0:
-            return ""
-        row = int(off.argmax())
-        return f"a feed of {stated[row]:.4g} mm/s at row {row}, planned are {planned[row]:.4g}"
+
+def _compare_feeds(rows: PlannedRows, moves: list[Move]) -> str:
+    planned = np.maximum(rows.feed, 0.0)
+    stated = np.array([np.nan if move.feed is None else move.feed for move in moves])
+    off = np.minimum(np.abs(stated - planned), np.abs(stated - np.maximum(planned, LEAST_FEED))) - FEED_STEP
+    off[(planned == 0.0) | np.isnan(stated)] = -1.0
+    if off.max(initial=-1.0) <= 0.0:
+        return ""
+    row = int(off.argmax())
+    return f"a feed of {stated[row]:.4g} mm/s at row {row}, planned are {planned[row]:.4g}"
 
 
-def _place_rows(robot: Robot, arm: StiffArm, planned: Commanded) -> _Rows:
-    """Return the commanded arm at the rows of programs, see `compare_written`."""
-    counting, part = load_controller(robot), arm.part
-    position, rotation = arm.locate(planned.q)
-    flange, turn = arm.locate_flange(planned.q[:1])
-    tool = build_pose(1e3 * turn[0].T @ (position[0] - flange[0]), turn[0].T @ rotation[0])
-    world = np.eye(4) if arm.carries_part else build_pose(1e3 * counting.world[:3, 3], counting.world[:3, :3])
-    return _Rows(
-        robot, counting, to_controller(counting, planned.q), position * 1e3, rotation, world, planned,
-        build_pose(1e3 * part[:3, 3], part[:3, :3]), tool, arm,
-    )  # fmt: skip
-
-
-def _report_rows(rows: _Rows) -> ReportedProgram:
+def _report_rows(cell: _Cell, planned: PlannedRows, joints: Array) -> ReportedProgram:
     """Return the expected contents of programs in addition to the path."""
-    planned, rates = rows.planned, np.where(rows.robot.prismatic, 1e3, 180.0 / np.pi) * rows.robot.velocity_limits
+    robot, arm = cell.robot, cell.arm
+    rates = np.where(robot.prismatic, 1e3, 180.0 / np.pi) * robot.velocity_limits
     step = np.diff(planned.time, prepend=np.nan)
     with np.errstate(divide="ignore", invalid="ignore"):
-        share = (np.abs(np.diff(rows.shown, axis=0, prepend=np.nan)) / rates).max(axis=1) / step
-    centre = rows.tool[:3, :3] @ (1e3 * rows.arm.centre) + rows.tool[:3, 3]
+        share = (np.abs(np.diff(joints, axis=0, prepend=np.nan)) / rates).max(axis=1) / step
     return ReportedProgram(
-        rows.shown[:, ~rows.outer], read_words(rows.counting, controller_robot(rows.robot), planned.q),
-        planned.feed <= 0.0, planned.exact_stops, share, rows.arm.mass, centre,
+        joints[:, ~cell.outer], read_words(cell.counting, controller_robot(robot), planned.q), planned.feed <= 0.0,
+        planned.exact_stops, share, arm.mass, arm.tool[:3, :3] @ (1e3 * arm.centre) + arm.tool[:3, 3],
     )  # fmt: skip
 
 

@@ -6,7 +6,7 @@ The line or arc is computed anew from the program that was read back.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,33 +28,54 @@ FEED, FEED_STEP, UNEVEN = HELD / (1.0 - HELD), 0.05 * (1.0 + 1e-6), RATIO - 1.0
 
 @dataclass(frozen=True)
 class PlannedRows:
-    """Planned rows that a program represents."""
+    """Planned motion at the rows of programs: approach, path, retreat. Shapes (m, ..)."""
 
-    position: Array  #: Commanded tip. Shape (m, 3). [mm]
-    rotation: Array  #: Commanded orientation. Shape (m, 3, 3).
-    time: Array  #: Shape (m,). [s]
-    kept: NDArray[np.bool_]  #: Rows at which a move has to end. Shape (m,).
-    free: NDArray[np.bool_]  #: Rows without a prescribed speed. Shape (m,).
-    tolerance: float  #: Greatest distance of rows from the move that represents them. [mm]
-    cycle: float  #: Least time of a move. [s]
-    #: Feed of the CAM file; without it the speed is not levelled along short legs. Shape (m,). [mm/s]
-    cam_feed: Array | None = None
-    corners: NDArray[np.bool_] | None = None  #: Rows that are corners with a blend zone. Shape (m,).
+    position: Array  #: Commanded tip. [mm]
+    rotation: Array  #: Commanded orientation.
+    q: Array  #: Commanded joint positions. [rad or m]
+    time: Array  #: [s]
+    feed: Array  #: Planned feed in the move to each row, 0 in rapid moves. [mm/s]
+    exact_stops: NDArray[np.bool_]  #: Whether the tool has to stop, in addition to the ends of rapid moves.
+    free: NDArray[np.bool_]  #: Whether the move to each row has no prescribed speed.
+    #: Feed of the CAM file in the move to each row; without it the speed is not levelled along short legs. [mm/s]
+    cam_feed: Array | None
+    departure: Array  #: Allowed departure of zones from a corner. [mm]
+    #: Vector to the corner that replaces a row in tool moves; nan at omitted rows of a rounded corner, 0 at other rows.
+    #: Shape (m, 3). [mm]
+    corner: Array
+    fit: float  #: Greatest distance of rows from the tool moves that represent them. [mm]
+
+    @property
+    def kept(self) -> NDArray[np.bool_]:
+        """Rows at which a move has to end."""
+        rapid = self.feed <= 0.0
+        return rapid | self.exact_stops | np.append(rapid[1:], True)
+
+    def square_corners(self) -> tuple[PlannedRows, NDArray[np.int_]]:
+        """Return the rows with corners in place of their roundings, and the indices of the remaining rows."""
+        kept = np.flatnonzero(np.isfinite(self.corner[:, 0]))
+        rows = replace(
+            self, **{key: values[kept] for key, values in vars(self).items() if key != "fit" and values is not None}
+        )
+        return replace(rows, position=rows.position + rows.corner), kept
 
 
-def follow_moves(rows: PlannedRows, ends: NDArray[np.int_], moves: Sequence[Move], bases: Sequence[Array]) -> list[str]:
+def follow_moves(
+    rows: PlannedRows, cycle: float, ends: NDArray[np.int_], moves: Sequence[Move], bases: Sequence[Array]
+) -> list[str]:
     """Return a message on the first move that departs from its rows or their planned time, or no message.
 
-    `ends` is the row at the end of each move, `bases` the frame of its positions, in the base frame. [mm]
+    `ends` is the row at the end of each move, `bases` the frame of its positions, in the base frame [mm]; `cycle` is
+    the least time of a move. [s]
     """
     step = np.linalg.norm(np.diff(rows.position, axis=0, prepend=rows.position[:1]), axis=1)
     duration, stops = np.diff(rows.time, prepend=rows.time[0] - 1.0), np.zeros(len(step), bool)
     stops[ends[[move.stops for move in moves]]] = True
-    moving, corners = step > 0.0, np.zeros(len(step), bool) if rows.corners is None else rows.corners
+    moving, corners = step > 0.0, np.abs(rows.corner).max(axis=1) > 0.0
     duration[moving] = (step / np.maximum(send_speeds(step, duration, stops, corners, rows.cam_feed), 1e-9))[moving]
     for a, b, move, base in zip(ends[:-1].tolist(), ends[1:].tolist(), moves[1:], bases[1:], strict=True):
         if move.kind != "joint":
-            wrong = _follow(rows, a, b, move, base) or _time(rows, a, b, move, base, step, duration)
+            wrong = _follow(rows, a, b, move, base) or _time(rows, cycle, a, b, move, base, step, duration)
         else:
             wrong = "a joint move leads past rows" if b > a + 1 else ""
         if wrong:
@@ -62,12 +83,9 @@ def follow_moves(rows: PlannedRows, ends: NDArray[np.int_], moves: Sequence[Move
     return []
 
 
-def check_corners(position: Array, corner: Array, departure: Array) -> list[str]:
-    """Return corners whose rounding lies farther from their legs than zones may depart from the path.
-
-    `corner` is the vector from a row to the corner that represents it, nan at its omitted neighbours; `departure` is
-    the allowed departure of zones. Shapes (m, 3), (m, 3), (m,). [mm]
-    """
+def check_corners(rows: PlannedRows) -> list[str]:
+    """Return corners whose rounding lies farther from their legs than zones may depart from the path."""
+    position, corner, departure = rows.position, rows.corner, rows.departure
     messages, left_out = [], np.isnan(corner[:, 0])
     for row in np.flatnonzero(np.nan_to_num(np.abs(corner).max(axis=1)) > 0.0).tolist():
         first, last = row - 1, row + 1
@@ -84,16 +102,11 @@ def check_corners(position: Array, corner: Array, departure: Array) -> list[str]
 def _follow(rows: PlannedRows, a: int, b: int, move: Move, base: Array) -> str:
     """Return a message if rows of a move lie too far from it, or its rotation is not even; otherwise ""."""
     x = rows.position[a : b + 1]
-    if move.kind == "arc":
-        assert move.via is not None
-        arc = follow_arc(x, (base @ move.via)[:3, 3])
-        if arc is None:
-            return "an arc that is too flat, too long or not passed by its middle"
-        found = arc
-    else:
-        found = follow_line(x)
+    found = follow_line(x) if move.via is None else follow_arc(x, (base @ move.via)[:3, 3])
+    if found is None:
+        return "an arc that is too flat, too long or not passed by its middle"
     off, share = found
-    if off.max() > rows.tolerance + ROUNDING:
+    if off.max() > rows.fit + ROUNDING:
         return f"the planned tip is {1e3 * off.max():.3g} um off the move"
     if (np.diff(share) < -1e-6).any() and np.ptp(share) * np.linalg.norm(x[-1] - x[0]) > ROUNDING:
         return "the path turns back"
@@ -103,7 +116,9 @@ def _follow(rows: PlannedRows, a: int, b: int, move: Move, base: Array) -> str:
     return f"the tool is turned by {most:.3g} deg off an even turn" if most > TURN else ""
 
 
-def _time(rows: PlannedRows, a: int, b: int, move: Move, base: Array, step: Array, duration: Array) -> str:
+def _time(
+    rows: PlannedRows, cycle: float, a: int, b: int, move: Move, base: Array, step: Array, duration: Array
+) -> str:
     """Return a message if the feed of a move does not match the planned time (at least a cycle) or speeds."""
     leg, start, end = slice(a + 1, b + 1), rows.position[a], rows.position[b]
     arc = None if move.via is None else find_arc(start, (base @ move.via)[:3, 3], end)
@@ -111,10 +126,10 @@ def _time(rows: PlannedRows, a: int, b: int, move: Move, base: Array, step: Arra
     if move.feed is None or rows.free[b] or length < 1e-6:
         return ""
     time, speed = float(duration[leg].sum()), step[leg] / np.maximum(duration[leg], 1e-9)
-    planned = max(length / max(time, rows.cycle), LEAST_FEED)
+    planned = max(length / max(time, cycle), LEAST_FEED)
     if abs(move.feed - planned) > FEED * planned + FEED_STEP:
         return f"a feed of {move.feed:.4g} mm/s, the plan takes {planned:.4g}"
     off = np.abs(speed - planned)
-    if time > SHORT * rows.cycle and off.max() > UNEVEN * planned + FEED_STEP and speed.max() > LEAST_FEED:
+    if time > SHORT * cycle and off.max() > UNEVEN * planned + FEED_STEP and speed.max() > LEAST_FEED:
         return f"a feed of {move.feed:.4g} mm/s, the plan has {speed[off.argmax()]:.4g}"
     return ""

@@ -1,13 +1,15 @@
-"""Comparison of joints.csv with the commanded arm."""
+"""Tables of joints: the reader of the language csv, and the comparison of joints.csv with the commanded arm."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import re
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from compplan.controllers.readback.poses import Move
 from compplan.controllers.writers.joint_convention import load_motion
 from compplan.io.parsing import guard_parser
 from compplan.robot import Array, Robot
@@ -51,3 +53,18 @@ def check_joint_table(
     for (what, unit), first, end in zip(whats, places[:-1], places[1:], strict=True):
         if (off := away[:, first:end].max()) > TABLE:
             yield f"joints.csv: {what} is {off:.4g} {unit} off"
+
+
+def read_csv(path: Path, axes: tuple[str, ...], external: Iterable[bool]) -> list[Move]:
+    """Read a joint table with these axis names, compared by letters and digits; `external` marks external axes."""
+    header, *lines = path.read_text().splitlines()
+    columns = [re.sub("[^A-Za-z0-9]", "", name) for name in header.split(",")]
+    rows = [dict(zip(columns, map(float, line.split(",")), strict=True)) for line in lines]
+    plain = [re.sub("[^A-Za-z0-9]", "", name) for name in axes]
+    found = [(name + unit, out) for name, out in zip(plain, external, strict=True) for unit in ("deg", "mm")]
+    arm, outer = ([name for name, out in found if name in columns and out == wanted] for wanted in (False, True))
+    return [
+        Move("joint", row["rapid"] == 1.0, tuple(row[name] for name in arm), tuple(row[name] for name in outer), None,
+             row["feedmms"])
+        for row in rows
+    ]  # fmt: skip

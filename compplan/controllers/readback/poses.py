@@ -9,10 +9,12 @@ import math
 import re
 from collections.abc import Sequence
 from functools import partial
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
+
+from compplan.robot.pose import build_pose
 
 Pose = np.ndarray
 NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
@@ -48,17 +50,9 @@ class Move(NamedTuple):
     carried: bool = False
 
 
-def build_poses(place: Any, rotation: Rotation) -> Pose:
-    """Return frames from positions and rotations. Shape (4, 4), or (n, 4, 4) for n of each."""
-    matrix = rotation.as_matrix()
-    pose = np.zeros((*matrix.shape[:-2], 4, 4))
-    pose[..., :3, :3], pose[..., :3, 3], pose[..., 3, 3] = matrix, place, 1.0
-    return pose
-
-
 def _euler_pose(order: str, *numbers: float) -> Pose:
     """Return a frame from x y z and three Euler angles; capitals are intrinsic axes, small letters extrinsic ones."""
-    return build_poses(numbers[:3], Rotation.from_euler(order, numbers[3:], degrees=True))
+    return build_pose(numbers[:3], Rotation.from_euler(order, numbers[3:], degrees=True).as_matrix())
 
 
 #: KUKA: A about z, B about the new y, C about the newest x. FANUC: W about x, P about the fixed y, R about the fixed z.
@@ -71,24 +65,24 @@ staubli_pose = partial(_euler_pose, "XYZ")
 
 def turn(axis: str, angle: float) -> Pose:
     """Return the rotation about x, y or z."""
-    return build_poses(np.zeros(3), Rotation.from_euler(axis, angle, degrees=True))
+    return build_pose(np.zeros(3), Rotation.from_euler(axis, angle, degrees=True).as_matrix())
 
 
 def shift(x: float, y: float, z: float) -> Pose:
     """Return a translation."""
-    return build_poses((x, y, z), Rotation.identity())
+    return build_pose((x, y, z), np.eye(3))
 
 
 def vector_pose(x: float, y: float, z: float, a: float, b: float, c: float) -> Pose:
     """Return a pose of Universal Robots in mm: position in m and a rotation vector in rad."""
-    return build_poses((x * 1e3, y * 1e3, z * 1e3), Rotation.from_rotvec((a, b, c)))
+    return build_pose((x * 1e3, y * 1e3, z * 1e3), Rotation.from_rotvec((a, b, c)).as_matrix())
 
 
 def abb_pose(place: Sequence[float], quaternion: Sequence[float]) -> Pose:
     """Return a pose of ABB: quaternion with its real part first."""
     w, x, y, z = quaternion
     assert math.isclose(w * w + x * x + y * y + z * z, 1.0, abs_tol=1e-6), "no unit quaternion"
-    return build_poses(place, Rotation.from_quat((x, y, z, w)))
+    return build_pose(place, Rotation.from_quat((x, y, z, w)).as_matrix())
 
 
 def read_numbers(text: str) -> list[float]:

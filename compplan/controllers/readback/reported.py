@@ -19,8 +19,6 @@ from compplan.robot import Array, Robot
 NEAR = 1e-3
 #: Distance to the threshold of a configuration word below which either value is accepted. [deg or mm]
 DOUBTFUL = 1e-2
-#: Languages of joint tables without stops.
-NO_STOPS = frozenset({"csv"})
 #: Accepted relative and absolute error of axis rates [percent]: some languages write whole percents from 1 to 100.
 RATE_SHARE, RATE_STEP = 0.05, 0.51
 #: Rounding of a mass [kg] and of its centre [mm].
@@ -48,9 +46,8 @@ class PostureWord:
 def read_words(counting: JointConvention, robot: Robot, q: Array) -> dict[str, PostureWord]:
     """Return the configuration words of postures. Shape (n, nq). [rad or m]"""
     return {
-        key: PostureWord(np.where(above, word.above, word.below), clear > DOUBTFUL, word.status, word.native)
-        for key, (above, clear) in measure_words(counting, robot, q).items()
-        for word in [counting.words[key]]
+        key: PostureWord(values, distance > DOUBTFUL, counting.words[key].status, counting.words[key].native)
+        for key, (values, distance) in measure_words(counting, robot, q).items()
     }
 
 
@@ -79,7 +76,7 @@ class ReportedProgram:
     def compare(self, language: str, moves: Sequence[Move]) -> list[str]:
         """Return the differences between the moves of a program, one for each row, and the expected contents."""
         messages = [
-            "" if language in NO_STOPS else self._compare_stops(moves), self._compare_words(language, moves),
+            "" if language == "csv" else self._compare_stops(moves), self._compare_words(language, moves),
             self._compare_shares(moves), self._compare_load(moves),
         ]  # fmt: skip
         return [text for text in messages if text]
@@ -133,9 +130,9 @@ class ReportedProgram:
             adds = {key: {value: add} for key, (value, add) in CFX.items() if key in words}
             return [*turns, ("cfx", _texts(self._add_up(adds)), clear)]
         if language == "inform":
-            first = [(f"RCONF {key}", *self._flag(key, value)) for key, value in RCONF if key in words]
-            if len(first) < len(RCONF):
+            if not all(key in words for key, _ in RCONF):
                 return []
+            first = [(f"RCONF {key}", _texts(words[key].values == value), words[key].clear) for key, value in RCONF]
             return first + [(f"RCONF turn of axis {k + 1}", _texts(arm[:, k] >= 180.0), _clear(arm[:, k] - 180.0))
                             for k in (3, 5, 0)]  # fmt: skip
         if language == "val3":
@@ -154,10 +151,6 @@ class ReportedProgram:
             return [""] * len(self.arm), np.zeros(len(self.arm), bool)
         word = self.words[key]
         return [word.native.get(value, "") for value in word.values.tolist()], word.clear
-
-    def _flag(self, key: str, active: str) -> tuple[list[str], NDArray[np.bool_]]:
-        word = self.words[key]
-        return [str(int(value == active)) for value in word.values.tolist()], word.clear
 
     def _compare_shares(self, moves: Sequence[Move]) -> str:
         stated = np.array([np.nan if move.percent is None else move.percent for move in moves])

@@ -1,4 +1,4 @@
-"""Interpreters of URScript, SINUMERIK, INFORM and AS programs; see kuka_staubli."""
+"""Interpreters of URScript, SINUMERIK, INFORM and AS programs; see languages."""
 
 from __future__ import annotations
 

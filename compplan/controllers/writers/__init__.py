@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Protocol
@@ -204,7 +203,7 @@ def write_sequence(
         return []
     entries = [_find_entries([file for file in files if file.suffix == form.suffix]) for files in groups]
     post = replace(check_cell(program.post, form.cell, form.title), overwrite=False)
-    format_main = getattr(WRITERS[language], "format_main", partial(_format_main, language))
+    format_main = getattr(WRITERS[language], "format_main", None)
     files = []
     for kind in entries[0]:
         if all(kind in entry for entry in entries):
@@ -213,13 +212,13 @@ def write_sequence(
             upper, lower = calls[0].isupper(), calls[0].islower()
             whole = whole.upper() if upper else whole.lower() if lower else whole
             files.append(folder / f"{whole}{form.suffix}")
-            write_text(files[-1], format_main(whole, replace(program, post=post), calls), newline=form.newline)
+            if format_main is None:
+                words = {"name": whole, "comments": head_lines(program), "lines": [], "calls": calls}
+                text = render_own(f"{language}_main", words)
+            else:
+                text = format_main(whole, replace(program, post=post), calls)
+            write_text(files[-1], text, newline=form.newline)
     return files
-
-
-def _format_main(language: str, name: str, program: Program, calls: Sequence[str]) -> str:
-    words = {"name": name, "comments": head_lines(program), "lines": [], "calls": calls}
-    return render_own(f"{language}_main", words)
 
 
 def _find_entries(files: Sequence[Path]) -> dict[str, str]:

@@ -77,7 +77,7 @@ def _round_feeds(feed: Array) -> Array:
 
 
 def _format_part(part: ProgramPart) -> dict[str, str]:
-    program, frame = part.program, _user_frame(part)
+    program, frame = part.program, int(part.program.post.base or 1) if part.linear else 0
     configuration = (state_configurations(program) or []) if part.linear and not program.moves_part else []
     arcs = {move.row: number for number, move in enumerate((m for m in part.moves if m.via), len(part.moves) + 1)}
     lines, positions, vias = [], [], []
@@ -95,12 +95,8 @@ def _format_part(part: ProgramPart) -> dict[str, str]:
 
 
 def _format_calls(part: ProgramPart) -> dict[str, str]:
-    text = format_program(part.name, part.program, _user_frame(part), [], [], True, [*part.parts])
-    return {f"{part.name}.LS": text}
-
-
-def _user_frame(part: ProgramPart) -> int:
-    return int(part.program.post.base or 1) if part.linear else 0
+    frame = int(part.program.post.base or 1) if part.linear else 0
+    return {f"{part.name}.LS": format_program(part.name, part.program, frame, [], [], True, [*part.parts])}
 
 
 def _format_move(program: Program, move: WrittenMove, number: int, via: int | None, linear: bool) -> str:
@@ -144,9 +140,9 @@ def format_program(
     base = program.base_frame if frame and not program.moves_part else None
     wanted = [("UTOOL", cell.tool, program.tool), ("UFRAME", cell.base, base)]
     words = {
-        "name": name, "comments": [clean_text(line, LONGEST_REMARK) for line in head_lines(program)], "cell": cell,
-        "main": main, "frame": frame, "register": REGISTER, "moves": moves, "parts": parts, "positions": positions,
-        "groups": ["1", *("1" if number == second else "*" for number in range(2, 6))],
+        "name": name, "comments": [clean_text(line, LONGEST_REMARK) for line in head_lines(program)],
+        "cell": cell.words, "main": main, "frame": frame, "register": REGISTER, "moves": moves, "parts": parts,
+        "positions": positions, "groups": ["1", *("1" if number == second else "*" for number in range(2, 6))],
         "frames": [(key, number, place_numbers(pose, "xyz")) for key, number, pose in wanted if pose is not None],
     }  # fmt: skip
     before, rest = render_post(program, "fanuc_ls", words).split("/MN\n", 1)

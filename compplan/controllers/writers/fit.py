@@ -207,10 +207,8 @@ class _Track:
                 here = joined[-1][0]
                 if min(self.time[end] - self.time[here], self.time[here] - self.time[start]) >= self.cycle:
                     break
-                if (
-                    self.time[end] - self.time[start] > shapes.SHORT * self.cycle
-                    and self._bound_speed(start, end) < end
-                ):
+                longer = self.time[end] - self.time[start] > shapes.SHORT * self.cycle
+                if longer and self._bound_speed(start, end) < end:
                     break
                 kinds = (LINE, self._find_middle(start, end))[: 1 + self.arcs]
                 trials = [trial for trial in kinds if self.fits(start, end, trial)]
@@ -241,7 +239,8 @@ class _Track:
         carried = self.carried[a : b + 1]
         if carried.size and np.abs(carried - carried[0] - share[:, None] * (carried[-1] - carried[0])).max() > CARRIED:
             return False
-        return bool(self._measure_turn(a, b, share) <= TURN)
+        turned = self._turn_from(a, b)
+        return bool(shapes.sizes_of(turned - share[:, None] * turned[-1]).max() <= TURN)
 
     def _follow(self, a: int, b: int, kind: int, flat: bool) -> tuple[Array, Array] | None:
         """Return the distances of rows from a move, and their shares along it; None where there is no such move."""
@@ -252,11 +251,6 @@ class _Track:
             return None
         via = shapes.find_via(x, kind - a)
         return None if not flat and shapes.is_flat(x[0], via, x[-1]) else shapes.follow_arc(x, via)
-
-    def _measure_turn(self, a: int, b: int, share: Array) -> float:
-        """Return the greatest departure of the tool from an even rotation along a move. [rad]"""
-        turned = self._turn_from(a, b)
-        return float(shapes.sizes_of(turned - share[:, None] * turned[-1]).max())
 
     def _turn_from(self, a: int, b: int) -> Array:
         """Return rotation vectors from the orientation at a row to those up to another. Shape (b - a + 1, 3). [rad]"""
@@ -273,9 +267,6 @@ class _Track:
 
     def measure(self, a: int, b: int, kind: int) -> float:
         """Return the length of a move. [mm]"""
-        arc = (
-            None
-            if kind == LINE
-            else shapes.find_arc(self.x[a], shapes.find_via(self.x[a : b + 1], kind - a), self.x[b])
-        )
+        via = None if kind == LINE else shapes.find_via(self.x[a : b + 1], kind - a)
+        arc = None if via is None else shapes.find_arc(self.x[a], via, self.x[b])
         return float(np.linalg.norm(self.x[b] - self.x[a])) if arc is None else arc.length

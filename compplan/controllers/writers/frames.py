@@ -25,14 +25,13 @@ def euler_angles(rotation: Array, order: str) -> Array:
 
 def place_numbers(pose: Array, order: str, digits: int = 7) -> list[float]:
     """Return a pose as x, y, z and three Euler angles, rounded. Shape (4, 4) [m] -> 6 numbers [mm, deg]."""
-    angles = euler_angles(pose[None, :3, :3], order)[0]
-    return [value + 0.0 for value in np.round(np.concatenate([pose[:3, 3] * 1e3, angles]), digits).tolist()]
+    return list(map(float, place_table(pose[None], order, digits)[0]))
 
 
-def place_table(poses: Array, order: str) -> Array:
-    """Return poses as x, y, z and three Euler angles. Shape (n, 4, 4) [m] -> (n, 6) [mm, deg]."""
+def place_table(poses: Array, order: str, digits: int = 6) -> Array:
+    """Return poses as x, y, z and three Euler angles, rounded. Shape (n, 4, 4) [m] -> (n, 6) [mm, deg]."""
     table = np.column_stack([poses[:, :3, 3] * 1e3, euler_angles(poses[:, :3, :3], order)])
-    return np.asarray(np.round(table, 6) + 0.0, np.float64)
+    return np.asarray(np.round(table, digits) + 0.0, np.float64)
 
 
 def quaternions(poses: Array) -> Array:

@@ -78,12 +78,8 @@ def _list_points(part: ProgramPart) -> list[str]:
         elif words != last:
             lines += [*(["///POSTYPE USER", "///RECTAN"] if last in ("", "none yet") else []), f"///RCONF {words}"]
         last = words
-        place = (
-            list_numbers(move.arm, 6)
-            if by_angle
-            else f"{list_numbers(move.place[:3], 3)},{list_numbers(move.place[3:], 4)}"
-        )
-        lines.append(f"C{number:05d}={place}")
+        place = f"{list_numbers(move.place[:3], 3)},{list_numbers(move.place[3:], 4)}"
+        lines.append(f"C{number:05d}={list_numbers(move.arm, 6) if by_angle else place}")
     if program.moves_part:
         lines += [f"EC{number:05d}={list_numbers(move.outer, 6)}" for number, move in enumerate(part.moves)]
     return lines
@@ -103,7 +99,7 @@ def format_job(
     words = {
         "name": name, "count": sum(line.startswith("C") for line in points), "points": points, "main": main,
         "station": program.moves_part,
-        "cell": program.post, "tool_variable": TOOL_VARIABLE,
+        "cell": program.post.words, "tool_variable": TOOL_VARIABLE,
         "user": "///POSTYPE USER" in points,
         "frame_variable": FRAME_VARIABLE, "tool": list_numbers(place_numbers(program.tool, "xyz"), 7),
         "base": list_numbers(place_numbers(program.base_frame, "xyz"), 7), "moves": moves, "parts": parts,

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from pydantic import BeforeValidator, Field, model_validator
 from scipy.spatial.transform import Rotation
 
-from compplan.controllers.writers.motion_table import MotionTable, ServoMotion, list_assumed_motion, read_motion
+from compplan.controllers.writers.motion_table import ASSUMED, MotionTable, ServoMotion, read_motion
 from compplan.errors import InputError, ShapeError, UnknownNameError
 from compplan.io.tables import Array, read_text
 from compplan.io.tomlfile import (
@@ -176,7 +176,9 @@ def load_motion(robot: Robot) -> tuple[ServoMotion, list[str]]:
     load_controller(robot)
     table, file = _read_table(robot)
     motion, limits = None if table is None else table.motion, (robot.velocity_limits, robot.acceleration_limits)
-    return read_motion(motion, robot.prismatic, limits, file), list_assumed_motion(motion)
+    stated = set() if motion is None or motion.source == ASSUMED else motion.model_fields_set
+    assumed = [name for name in MotionTable.model_fields if name not in {*stated, "source"}]
+    return read_motion(motion, robot.prismatic, limits, file), assumed
 
 
 def to_controller(controller: JointConvention, q: Array) -> Array:
@@ -227,31 +229,30 @@ def find_bend(robot: Robot, q: Array) -> NDArray[np.bool_] | None:
     return np.asarray(np.einsum("ni,ni->n", fifth, np.cross(fourth, sixth)) >= 0.0)
 
 
-def measure_words(controller: JointConvention, robot: Robot, q: Array) -> dict[str, tuple[NDArray[np.bool_], Array]]:
-    """Return whether each configuration word is at or above its threshold, and its distance from there. [deg or mm]
+def measure_words(controller: JointConvention, robot: Robot, q: Array) -> dict[str, tuple[NDArray[np.str_], Array]]:
+    """Return the value of each configuration word, and its distance from the threshold [deg or mm]. Shapes (n,) each.
 
-    Shapes (n,) each.
+    The values are names: {"elbow": (["up", ...], [12.3, ...]), ...}.
     """
-    found: dict[str, tuple[NDArray[np.bool_], Array]] = {}
+    found: dict[str, tuple[NDArray[np.str_], Array]] = {}
     links = [link for word in controller.words.values() if word.joint is None for link in (word.frame, word.point)]
     poses = locate_links(robot, q, [link or "" for link in links])
     for key, word in controller.words.items():
         if word.joint is not None:
             turned = (np.degrees(q[:, robot.joint_names.index(word.joint)]) - word.threshold_deg + 180.0) % 360.0
-            found[key] = turned >= 180.0, 90.0 - np.abs(np.abs(turned - 180.0) - 90.0)
+            above, distance = turned >= 180.0, 90.0 - np.abs(np.abs(turned - 180.0) - 90.0)
         else:
             frame, point = poses[word.frame or ""], poses[word.point or ""]
             point_in_frame = np.einsum("nji,nj->ni", frame[:, :3, :3], point[:, :3, 3] - frame[:, :3, 3])
             place = point_in_frame[:, "xyz".index(word.axis)] * 1e3
-            found[key] = place >= word.threshold_mm, np.abs(place - word.threshold_mm)
+            above, distance = place >= word.threshold_mm, np.abs(place - word.threshold_mm)
+        found[key] = np.where(above, word.above, word.below), distance
     return found
 
 
 def name_words(controller: JointConvention, robot: Robot, q: Array) -> dict[str, NDArray[np.str_]]:
     """Return the value of each configuration word at every waypoint: {"elbow": ["up", ...], ...}."""
-    words = controller.words
-    found = measure_words(controller, robot, q)
-    return {key: np.where(above, words[key].above, words[key].below) for key, (above, _) in found.items()}
+    return {key: values for key, (values, _) in measure_words(controller, robot, q).items()}
 
 
 def native_words(counting: JointConvention, words: Mapping[str, NDArray[np.str_]]) -> dict[str, NDArray[np.str_]]:
@@ -335,10 +336,8 @@ def _find_tool0(robot: Robot) -> Array | None:
     except InputError:
         return None
     (carrier, flange), (other, tool) = tails
-    if carrier != other:
-        return None
     turn = np.linalg.inv(flange) @ tool
-    if np.abs(turn[:3, 3]).max() > SAME_PLACE:
+    if carrier != other or np.abs(turn[:3, 3]).max() > SAME_PLACE:
         return None
     turn[:3, 3] = 0.0
     return np.asarray(turn)

@@ -31,14 +31,11 @@ def write(program: Program, folder: Path, most: int | None = None) -> list[Path]
     return FORM.write(program, folder, most, _format_part, _format_calls, can=True)
 
 
-def name_variables(name: str) -> str:
-    """Return the prefix of a program's variables: the end of its name, which holds tool and kind of move."""
-    return name.replace("_", "")[-LONGEST_VARIABLE:].lstrip("0123456789")
-
-
 def _format_part(part: ProgramPart) -> dict[str, str]:
     usual = f"ACCURACY {ACCURACY:.3g} ALWAYS"
-    own, modal, lines, joints, places = name_variables(part.whole), {"zone": usual}, [], [], []
+    # prefix of the variables: the end of the name, which holds tool and kind of move
+    own = part.whole.replace("_", "")[-LONGEST_VARIABLE:].lstrip("0123456789")
+    modal, lines, joints, places = {"zone": usual}, [], [], []
     for move in part.moves:
         row, zone, pause = move.row, f"{1e3 * move.zone:.3g}", ["BREAK"] if move.stops else []
         if move.kind == "joint":

@@ -12,10 +12,10 @@ import numpy as np
 
 from compplan.controllers.writers.fit import Fitted, fit_moves
 from compplan.controllers.writers.machine import Phrases, phrase_events
-from compplan.controllers.writers.post import CellWords, check_cell, name_main, render_post
+from compplan.controllers.writers.post import CellWords, check_cell, render_post
 from compplan.controllers.writers.program import Program, head_lines, joint_percent
 from compplan.controllers.writers.text import LANGUAGES, legal_name
-from compplan.controllers.writers.zones import OTHER, ZONES, find_zones, stop_at_corners
+from compplan.controllers.writers.zones import OTHER, ZONES, find_zones, mark_narrow
 from compplan.errors import InputError
 from compplan.io.tables import Array, write_text
 
@@ -65,7 +65,7 @@ class ProgramPart:
     def render(self, language: str, **words: object) -> str:
         """Return the text of a language's template, with these words and those common to all templates."""
         program = self.program
-        known = {"name": self.name, "parts": [*self.parts], "comments": head_lines(program), "cell": program.post}
+        known = {"name": self.name, "parts": [*self.parts], "comments": head_lines(program), "cell": program.post.words}
         return render_post(program, language, {**known, **words})
 
 
@@ -121,7 +121,8 @@ class ProgramForm:
             texts |= self.format_kind(program, name, points, format_part, format_main, linear=False)
         if can and program.form != "joint":
             fitted = self.fit(program).program
-            fitted = fitted if self.narrows else stop_at_corners(fitted, self.language)
+            if not self.narrows:  # stop where the default zone is too large
+                fitted = replace(fitted, exact=fitted.stops(linear=True) | mark_narrow(fitted, self.language))
             texts |= self.format_kind(fitted, name, points, format_part, format_main, linear=True)
         return write_texts(folder, texts, self.newline)
 
@@ -132,7 +133,7 @@ class ProgramForm:
     def name_program(self, program: Program, most: int) -> str:
         """Return the name of a program, without its ending."""
         room = len(str(max(1, -(-len(program) // max(most, 1))))) if self.numbered else 0
-        own = name_main(program) if self.by_main else program.name
+        own = (self.by_main and program.post.main) or program.name
         name = legal_name(own, self.longest - room, reserved=self.reserved)
         return {"upper": name.upper(), "lower": name.lower()}.get(self.letters, name)
 

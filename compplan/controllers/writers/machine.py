@@ -7,13 +7,14 @@ not fed into the part. Every language has a `Phrases` table; `phrase_events` wri
 from __future__ import annotations
 
 import re
+import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Annotated
 
 from pydantic import BeforeValidator, Field
 
-from compplan.controllers.writers.text import clean_text, wrap_text
+from compplan.controllers.writers.text import clean_text
 from compplan.errors import InputError
 from compplan.io.notes import Stop
 from compplan.io.tomlfile import StrictTable
@@ -74,7 +75,7 @@ class Phrases:
 
     def comment(self, text: str) -> list[str]:
         """Return a text as comments."""
-        lines = [text] if self.longest is None else wrap_text(text, self.longest)
+        lines = [text] if self.longest is None else textwrap.wrap(text, self.longest) or [""]
         return [self.say.format(text=line) for line in lines]
 
     def switch(self, signal: Signal, on: bool) -> list[str]:

@@ -100,9 +100,3 @@ def tabulate_motion(motion: ServoMotion, prismatic: NDArray[np.bool_]) -> Mappin
     }  # fmt: skip
     digits = {key: np.vectorize(lambda value: float(f"{value:.6g}"))(values) for key, values in stated.items()}
     return {**{key: values.tolist() for key, values in digits.items()}, "source": motion.source}
-
-
-def list_assumed_motion(table: MotionTable | None) -> list[str]:
-    """Return the keys of [motion] whose values are assumed."""
-    stated = set() if table is None or table.source == ASSUMED else table.model_fields_set
-    return [name for name in MotionTable.model_fields if name not in {*stated, "source"}]

@@ -9,7 +9,7 @@ import numpy as np
 
 from compplan.controllers.writers.fit import fit_moves
 from compplan.controllers.writers.frames import place_table, quaternions, rotation_vectors
-from compplan.controllers.writers.post import name_main, render_post
+from compplan.controllers.writers.post import render_post
 from compplan.controllers.writers.program import Program, head_lines, joint_percent
 from compplan.controllers.writers.text import legal_name
 from compplan.controllers.writers.zones import OTHER, find_zones
@@ -27,8 +27,9 @@ def write(program: Program, folder: Path, most: int | None = None) -> list[Path]
     if template is None:
         raise InputError("programs 'own' need a template: output.templates own; compplan init template own writes one")
     fitted = program if program.form == "joint" else fit_moves(program).program
+    name = legal_name(program.post.main or program.name, LONGEST_NAME)
     words = {
-        "name": legal_name(name_main(program), LONGEST_NAME), "comments": head_lines(program), "cell": program.post,
+        "name": name, "comments": head_lines(program), "cell": program.post.words,
         "robot": program.robot, "controller": program.controller, "joint_names": list(program.joint_names),
         "tool": _tabulate_poses(program.tool[None])[0], "base": _tabulate_poses(program.base_frame[None])[0],
         "mass_kg": program.mass, "centre_mm": (program.centre * 1e3).tolist(), "moves": _list_moves(fitted),

@@ -10,18 +10,16 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass, field, is_dataclass
+from dataclasses import dataclass, field
 from functools import cache
 from importlib.resources import files
 from typing import TYPE_CHECKING, Any
-
-import numpy as np
 
 from compplan.controllers.writers.program import Post, Program
 from compplan.controllers.writers.text import LANGUAGES
 from compplan.errors import InputError
 from compplan.io.notes import Stop
-from compplan.io.tables import read_text
+from compplan.io.tables import dump_json, read_text
 
 if TYPE_CHECKING:
     from jinja2 import Environment
@@ -70,11 +68,6 @@ def describe_cell(post: Post, cell: CellWords) -> list[Stop]:
     return [Stop(f"{data} of the cell have to hold the values that the head of the program states")] if data else []
 
 
-def name_main(program: Program) -> str:
-    """Return the job's name of the main program, otherwise the name of the program."""
-    return program.post.main or program.name
-
-
 def render_post(program: Program, language: str, words: Mapping[str, Any]) -> str:
     """Render a program's text with the template of the language, or of the user.
 
@@ -117,22 +110,11 @@ def read_post(language: str) -> str:
 
 
 def to_plain(words: Mapping[str, Any]) -> Any:
-    """Return words as tables, lists, text, numbers, truth values and None, the only types in a template.
+    """Return words as tables, lists, text, finite numbers, truth values and None, the only types in a template.
 
-    The path of the job's template file is left out, because it is an object with methods that write files. Other
-    types are refused.
+    Other types are refused (TypeError).
     """
-    return json.loads(json.dumps(words, default=_flatten))
-
-
-def _flatten(value: Any) -> Any:
-    if is_dataclass(value) and not isinstance(value, type):
-        return {key: entry for key, entry in vars(value).items() if key != "template"}
-    if isinstance(value, Mapping):
-        return dict(value)
-    if isinstance(value, np.ndarray | np.generic):
-        return value.tolist()
-    raise TypeError(f"{type(value).__name__} is not plain data for a template")
+    return json.loads(dump_json(words))
 
 
 @cache

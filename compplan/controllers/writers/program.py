@@ -47,6 +47,11 @@ class Post:
     overwrite: bool = False  #: Whether programs overwrite the cell's tool data and frame with those of the job.
     main: str | None = None  #: Name of the main program, None for that of the job.
 
+    @property
+    def words(self) -> dict[str, Any]:
+        """The settings that a template gets: all but its file, an object with methods that write files."""
+        return {key: value for key, value in vars(self).items() if key != "template"}
+
 
 @dataclass(frozen=True, eq=False)
 class Program:
@@ -234,14 +239,24 @@ def build_program(
     Raises:
         InputError: If controller.toml or controller.urdf of the robot's folder is not valid.
     """
-    believed = controller_robot(robot)
+    believed, controller = controller_robot(robot), load_controller(robot)
+    words, limits, joints = name_words(controller, robot, q), robot.velocity_limits, to_controller(controller, q)
     tip = locate_link(believed, q, robot.tcp)
     turned = flange_turn(robot)
     flange = locate_link(believed, q[:1], robot.flange) @ turned
     mass, centre = compute_tool_mass(robot)
     return Program(
         name=name,
-        **_count_joints(robot, believed, q),
+        joints=np.where(np.abs(joints) < ZERO, 0.0, joints),
+        joint_names=controller.joint_names,
+        rates=np.where(robot.prismatic, 1e3 * limits, np.degrees(limits)) if np.isfinite(limits).all() else None,
+        world=np.eye(4) if robot.ground else controller.world,
+        words=words,
+        native=native_words(controller, words),
+        status=krl_status(controller, words),
+        bent=find_bend(believed, q),
+        unchecked=controller.unchecked,
+        controller=controller.name,
         prismatic=robot.prismatic,
         feed=np.where(rapid, 0.0, np.asarray(feed) * 1e3),
         rapid=np.asarray(rapid, dtype=bool),
@@ -258,19 +273,6 @@ def build_program(
         events=tuple(events),
         wiring=wiring or Wiring(),
     )
-
-
-def _count_joints(robot: Robot, believed: Robot, q: Array) -> dict[str, Any]:
-    """Return the attributes of `Program` that depend on the controller's conventions, by name."""
-    controller = load_controller(robot)
-    words, limits, joints = name_words(controller, robot, q), robot.velocity_limits, to_controller(controller, q)
-    return {
-        "joints": np.where(np.abs(joints) < ZERO, 0.0, joints), "joint_names": controller.joint_names,
-        "rates": np.where(robot.prismatic, 1e3 * limits, np.degrees(limits)) if np.isfinite(limits).all() else None,
-        "world": np.eye(4) if robot.ground else controller.world,
-        "words": words, "native": native_words(controller, words), "status": krl_status(controller, words),
-        "bent": find_bend(believed, q), "unchecked": controller.unchecked, "controller": controller.name,
-    }  # fmt: skip
 
 
 def head_lines(program: Program) -> list[str]:

@@ -59,15 +59,8 @@ def _format_part(part: ProgramPart) -> dict[str, str]:
             line = program.write_comment_line(move.row, "!").strip()
             notes, latest = [line] if line and line != latest else [], line
         lines.append([*notes, f"{_state_target(program, move)},{manner},{tool_words};"])
-    body = [
-        f"MODULE {part.name}",
-        f"  PROC run_{part.name}()",
-        *part.merge_events(lines, "    "),
-        "  ENDPROC",
-        "ENDMODULE",
-        "",
-    ]
-    return {f"{part.name}.mod": "\n".join(body)}
+    body = [f"MODULE {part.name}", f"  PROC run_{part.name}()", *part.merge_events(lines, "    "), "  ENDPROC"]
+    return {f"{part.name}.mod": "\n".join([*body, "ENDMODULE", ""])}
 
 
 def _format_calls(part: ProgramPart) -> dict[str, str]:

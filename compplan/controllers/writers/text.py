@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import textwrap
 import tomllib
 import unicodedata
 from collections.abc import Collection, Iterable
@@ -34,11 +33,6 @@ def clean_text(text: str, longest: int = LONGEST_COMMENT) -> str:
     plain = "".join(letter for letter in head if not unicodedata.combining(letter))
     line = " ".join(FOREIGN.sub(" ", plain).split())
     return line if len(line) <= longest else f"{line[: longest - 3].rstrip()}..."
-
-
-def wrap_text(text: str, longest: int) -> list[str]:
-    """Wrap clean text into lines of at most `longest` letters."""
-    return textwrap.wrap(text, longest) or [""]
 
 
 def list_numbers(values: Iterable[float], digits: int, between: str = ",") -> str:

@@ -103,12 +103,11 @@ def _format_moves(part: ProgramPart, number: int) -> list[list[str]]:
 
 def _list_signals(program: Program) -> list[tuple[str, str, list[str]]]:
     """Return the digital inputs and outputs of the programs, as data of the project."""
-    wiring = program.wiring
-    outputs = [wiring.spindle, wiring.coolant, *wiring.signals.values()]
-    inputs = [wiring.spindle_ready]
-    names = [name_signal(signal, FORM.phrases.outputs) for signal in outputs if signal is not None]
-    names += [name_signal(signal, FORM.phrases.inputs) for signal in inputs if signal is not None]
-    return [(name, "dio", ['link=""']) for name in dict.fromkeys(names) if program.events]
+    wiring, phrases = program.wiring, FORM.phrases
+    outputs = [(signal, phrases.outputs) for signal in (wiring.spindle, wiring.coolant, *wiring.signals.values())]
+    named = [*outputs, (wiring.spindle_ready, phrases.inputs)] if program.events else []
+    names = dict.fromkeys(name_signal(signal, prefix) for signal, prefix in named if signal is not None)
+    return [(name, "dio", ['link=""']) for name in names]
 
 
 def _list_data(part: ProgramPart) -> list[tuple[str, str, list[str]]]:

@@ -11,7 +11,7 @@ smaller. At a corner that the plan rounds, the zone has the size that passes it 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -92,9 +92,3 @@ def mark_narrow(program: Program, language: str) -> NDArray[np.bool_]:
     """Return at which moves' ends the default zone of a language would depart too far from the path. Shape (m,)."""
     _, stated, own = find_zones(program, ZONES[language])
     return stated < own
-
-
-def stop_at_corners(program: Program, language: str) -> Program:
-    """Return a fitted program with stops where the default zone of a language without smaller ones is too large."""
-    narrow = mark_narrow(program, language)
-    return replace(program, exact=narrow if program.exact is None else program.exact | narrow)

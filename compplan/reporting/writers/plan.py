@@ -28,6 +28,7 @@ from compplan.planning.result import Plan
 from compplan.planning.tolerance_verdict import state_percent
 from compplan.reporting.writers.recording import write_recording
 from compplan.robot import Array
+from compplan.robot.pose import build_pose
 from compplan.statics.chain import locate_frames
 from compplan.statics.stiffness import attain_pose
 from compplan.toolpath.corners import find_corner_shifts
@@ -86,7 +87,8 @@ def read_back(plan: Plan, folder: Path, program: Program | None = None) -> Plan:
 
     `program`: source of the files, if available.
     """
-    from compplan.controllers.readback.comparison import Commanded, StiffArm, compare_written
+    from compplan.controllers.readback.comparison import StiffArm, compare_written
+    from compplan.controllers.readback.fitted import PlannedRows
     from compplan.controllers.readback.joint_table import check_joint_table
     from compplan.simulation.exact_model import read_exact_robot
     from compplan.simulation.inertia import solve_rigid
@@ -110,19 +112,22 @@ def read_back(plan: Plan, folder: Path, program: Program | None = None) -> Plan:
     corner_distance = none[:, 0] if program.corner is None else program.corner
     programmed = none[:, 0] if program.asked is None else program.asked
     corner = none if program.corner_shift is None else program.corner_shift
-    wanted = Commanded(
-        q[rows], time[rows], 1e3 * feed[rows], standstill, free, programmed, corner_distance, corner,
-        1e3 * job.output.bound_fit(plan.task.tolerance),
-    )  # fmt: skip
     tool = job.tool or ToolTable()
     table_of_tool = None if job.tool is None else job.tool.model_dump(exclude_unset=True)
     held, flange = (
         read_exact_robot(Path(robot), told, geometry="controller.urdf")
         for told in (table_of_tool, {"frame": "pendant"})
     )
+    place, rotation = solve_rigid(held, q[rows])
+    (flange_place,), (turn,) = solve_rigid(flange, q[rows[:1]])
+    wanted = PlannedRows(
+        1e3 * place, rotation, q[rows], time[rows], 1e3 * feed[rows], standstill, free, programmed,
+        1e3 * corner_distance, 1e3 * corner, 1e3 * job.output.bound_fit(plan.task.tolerance),
+    )  # fmt: skip
     centre = np.linalg.inv(tool.pose) @ np.r_[1e-3 * np.array(tool.centre_of_mass_mm), 1.0]
     arm = StiffArm(
-        bool(held.ground), partial(solve_rigid, held), partial(solve_rigid, flange), job.T_base_part, tool.mass_kg,
+        bool(held.ground), partial(solve_rigid, held), build_pose(1e3 * turn.T @ (place[0] - flange_place),
+        turn.T @ rotation[0]), build_pose(1e3 * job.T_base_part[:3, 3], job.T_base_part[:3, :3]), tool.mass_kg,
         centre[:3],
     )  # fmt: skip
     said = check_joint_table(folder / "joints.csv", plan.robot, time, q, tip, choose_rows(plan))
