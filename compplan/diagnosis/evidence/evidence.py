@@ -122,12 +122,10 @@ def find_posterior(
     *,
     fit: bool = True,
     steps: int = EVIDENCE.first_steps,
-    shared: bool = True,
 ) -> Posterior:
     """Compute evidence and posterior; noise and background are fitted to the campaign unless `fit` is False.
 
-    `hyper` holds their initial values; `steps` limits the fit; `shared`: whether rows of a stay may share an
-    error.
+    `hyper` holds their initial values; `steps` limits the fit.
     """
     channels, loose, variance = equations.channels, _loose(prior, hyper), _Variance(prior)
     rows = gather_products(channels, prior.active)
@@ -135,7 +133,7 @@ def find_posterior(
         return _conclude(prior, channels, rows.solve(variance.at(hyper.log_tau), hyper), hyper)
     bounds = (
         [(EVIDENCE.log_range[0], _most_noise(ch)) for ch in channels]
-        + [EVIDENCE.log_range if shared else (EVIDENCE.log_range[0], EVIDENCE.log_range[0])] * len(channels)
+        + [EVIDENCE.log_range] * len(channels)
         + [EVIDENCE.log_range if is_loose else (EVIDENCE.log_range[0], EVIDENCE.most_tau) for is_loose in loose]
     )
     # evidence relative to its initial value, for its digits; steps in units of typical errors
