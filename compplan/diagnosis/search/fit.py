@@ -21,7 +21,7 @@ from compplan.diagnosis.evidence.candidates import (
     propose_again,
     proposed_signatures,
 )
-from compplan.diagnosis.evidence.evidence import Posterior, start_hyper
+from compplan.diagnosis.evidence.evidence import start_hyper
 from compplan.diagnosis.evidence.likelihood import Hyper
 from compplan.diagnosis.evidence.normal_equations import (
     NormalEquations,
@@ -116,8 +116,7 @@ def _round(
             break
         before, equations = fit.model.score, extend_normal_equations(fit.search.equations, fresh)
         held = replace(fit.state, claims=claims_of(fit))
-        # the posteriors of earlier models hold for further signatures, too
-        fit = _search_equations(problem, held, at, channels, equations, noises, fit.search.cache)
+        fit = _search_equations(problem, held, at, channels, equations, noises)
         claimed = {key_of(fit.search.equations.signatures[n]) for n in fit.model.signatures}
         if fit.model.score < before + SEARCH.least_gain or not claimed & {key_of(s) for s in fresh}:
             break
@@ -142,13 +141,11 @@ def _offer_all(
 
 def _search_equations(
     problem: Problem, state: FitState, at: Linearization, channels: tuple[Channel, ...], equations: NormalEquations,
-    noises: dict[str, Noise], cache: dict[frozenset[Claim], Posterior] | None = None,
+    noises: dict[str, Noise],
 ) -> Fit:  # fmt: skip
     search = _build_search(problem, equations, start_hyper(equations, len(CLASSES)))
     numbers = {key_of(s): n for n, s in enumerate(equations.signatures)}
     first = [Claim(numbers[key], size) for key, size in state.claims if key in numbers]
-    search.cache.update(cache or {})
-    search.cache.pop(frozenset(first), None)
     model = search_models(search, first, state.most)
     return Fit(problem, state, at, channels, search, model, noises, np.zeros(0, int))
 

@@ -93,7 +93,7 @@ class Model:
 
 @dataclass(eq=False)
 class Search:
-    """Normal equations with their prior, and a cache of fitted posteriors.
+    """Normal equations with their prior, and a cache of evaluated models.
 
     `log_prior` holds the log prior odds of each signature, `candidates` the numbers of claimable signatures, `start`
     the initial noise and background; `rigid`: whether only claims make the robot compliant.
@@ -104,7 +104,7 @@ class Search:
     log_prior: Array
     candidates: Sequence[int]
     start: Hyper
-    cache: dict[frozenset[Claim], Posterior] = field(default_factory=dict)
+    cache: dict[frozenset[Claim], Model] = field(default_factory=dict)
     rigid: bool = False
 
     def without(self, claims: Sequence[Claim], *removed: Claim) -> list[Claim]:
@@ -138,23 +138,21 @@ class Search:
     def model(self, claims: Sequence[Claim], hyper: Hyper, *, fit: bool = True, steps: int = STEPS) -> Model:
         """Return the model of a set of claims, from the cache if it was evaluated before."""
         key = frozenset(claims)
-        posterior = self.cache.get(key) if fit else None
-        if posterior is None:
-            posterior = self._find_posterior(claims, hyper, fit=fit, steps=steps)
-        if fit:
-            self.cache[key] = posterior
-        score = posterior.log_evidence + sum(self.log_prior[c.signature] + log_prior_size(c.size) for c in claims)
-        score -= SEARCH.once_more * self._count_repeated(claims)
-        if self._backwards(claims, posterior) or len(self.without(claims)) < len(claims):
-            score = -np.inf
-        return Model(tuple(claims), posterior, float(score))
-
-    def _find_posterior(self, claims: Sequence[Claim], hyper: Hyper, *, fit: bool, steps: int) -> Posterior:
+        if fit and key in self.cache:
+            return self.cache[key]
         equations, prior = self.equations, self.prior_of(claims)
         posterior = find_posterior(equations, prior, hyper, fit=fit, steps=steps)
         signatures = ((n, equations.signatures[n]) for n in (claim.signature for claim in claims))
         bounded = equations.join_columns(n for n, s in signatures if s.positive and len(s.keys) > 1)
-        return drop_negative(equations, prior, posterior, bounded)[1]
+        posterior = drop_negative(equations, prior, posterior, bounded)[1]
+        score = posterior.log_evidence + sum(self.log_prior[c.signature] + log_prior_size(c.size) for c in claims)
+        score -= SEARCH.once_more * self._count_repeated(claims)
+        if self._backwards(claims, posterior) or len(self.without(claims)) < len(claims):
+            score = -np.inf
+        model = Model(tuple(claims), posterior, float(score))
+        if fit:
+            self.cache[key] = model
+        return model
 
     def _count_repeated(self, claims: Sequence[Claim]) -> int:
         """Count joints with two claimed curves over the same angle, and shifts after the first of each kind."""
