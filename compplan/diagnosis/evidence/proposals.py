@@ -38,8 +38,6 @@ class ProposalSettings:
 
     #: Rows proposed for each kind of shift, and least number of waves to try at a joint (assumed).
     proposed: int = 2
-    #: Most waves of a gear (assumed: teeth, wave generator and bearings of real gears err in fewer).
-    waves: int = 30
     #: Most cycles per turn, integers and values between (assumed: gears of arms turn 50 to 170 times, and a strain wave
     #: gear errs twice a turn of its motor).
     most_cycles: float = 200.0
@@ -126,8 +124,7 @@ def propose_waves(
         slides = joint.kind == "prismatic"
         spectrum = _Spectrum(angle[seen], spread, slides)
         # each wave has two values, and a value of a free form needs ten poses
-        most = len(np.unique(at.campaign.stay[seen])) // ENOUGH_ROWS
-        most = min(max(most, PROPOSALS.proposed), PROPOSALS.waves)
+        most = max(len(np.unique(at.campaign.stay[seen])) // ENOUGH_ROWS, PROPOSALS.proposed)
         picked = _match_waves(angle[seen], pull[seen], weight[seen], spectrum, slides, most)
         for count in {1, 2, len(picked)}:
             if 0 < count <= len(picked):

@@ -29,7 +29,6 @@ from compplan.diagnosis.evidence.candidates import BACKGROUND, CLASSES, REGISTRA
 from compplan.diagnosis.evidence.evidence import EVIDENCE, SIZES, Posterior
 from compplan.diagnosis.evidence.likelihood import factorize, invert_factor, invert_triangle, mirror_lower, solve_factor
 from compplan.diagnosis.evidence.normal_equations import NormalEquations, extend_normal_equations, turn_along
-from compplan.diagnosis.evidence.proposals import PROPOSALS
 from compplan.diagnosis.search.search import Claim
 from compplan.diagnosis.search.state import Fit, FitState, build_state
 from compplan.diagnosis.validation.held_out import Folds, HeldOut
@@ -42,7 +41,9 @@ from compplan.robot import Array
 class CalibrationSettings:
     """Settings of the calibration."""
 
-    #: Least part of the period of a gear wave in the joint's range (assumed).
+    #: Gear waves: number of harmonics of a turn, and least part of a period in the joint's range (assumed: teeth, wave
+    #: generator and bearings of real gears err in fewer).
+    waves: int = 30
     seen: float = 0.5
     #: Degrees of freedom of the sizes of small errors (assumed: the heaviest tail with a scale), and of the residuals
     #: (assumed: usual for robust regression [Lange1989]).
@@ -159,7 +160,7 @@ def add_gear_waves(fit: Fit) -> Fit:
     known, fresh = set(equations.names), []
     for index in np.flatnonzero(~at.robot.prismatic):
         visited = float(np.ptp(fit.problem.campaign.q[:, index]))
-        cycles = range(1, PROPOSALS.waves + 1)
+        cycles = range(1, CALIBRATION.waves + 1)
         seen = [c for c in cycles if periods_seen(c, visited, slides=False) >= CALIBRATION.seen]
         fresh += [waves_at(at, int(index), [float(c)]) for c in seen]
     fresh = [signature for signature in fresh if not known & set(signature.column_names)]
