@@ -81,7 +81,12 @@ def identify_campaign(
     uncertainty = identified_uncertainty(updated, kept, gap, difference=problem.difference, sigma=sigma, source=source)
     if "base" in chosen.register or campaign.free_base:
         uncertainty = free_base(robot, uncertainty)
-    notes += [*outlier_notes, *more, *_describe_clustered(kept)]
+    notes += [*outlier_notes, *more]
+    if kept.clustered:
+        notes.append(
+            "residuals of neighbouring poses agree, so something systematic is left that the model lacks: intervals are"
+            " widened from groups of poses, but a bias may exceed them; compplan diagnose looks for the reason"
+        )
     return Identification(
         robot=replace(updated, uncertainty=uncertainty),
         nominal=robot,
@@ -93,13 +98,3 @@ def identify_campaign(
         outliers=outliers,
         notes=tuple(notes),
     )
-
-
-def _describe_clustered(kept: Estimate) -> list[str]:
-    """Warn if residuals are correlated: intervals cover the modelled effects only."""
-    if not kept.clustered:
-        return []
-    return [
-        "residuals of neighbouring poses agree, so something systematic is left that the model lacks: intervals are"
-        " widened from groups of poses, but a bias may exceed them; compplan diagnose looks for the reason"
-    ]

@@ -18,12 +18,13 @@ from numpy.typing import NDArray
 from scipy.special import chdtri, comb, gammaincinv
 
 from compplan.diagnosis.data.shared import ENOUGH_ROWS, LEVEL, ROUNDING
-from compplan.measurement.campaign import FORCE_NOISE, Campaign
+from compplan.measurement.campaign import ASSUMED_SIGMA_ROTATION, FORCE_NOISE, Campaign
 from compplan.measurement.pooling import LIKE_LOAD
 from compplan.robot import Array
+from compplan.uncertainty.assumed import REPEATABILITY
 
 #: Default standard deviations per axis (assumed: a laser tracker at some metres). [m, rad, rad]
-ASSUMED_SIGMA = {"position": 3e-5, "orientation": 1e-4, "encoder": 5e-6}
+ASSUMED_SIGMA = {"position": 3e-5, "orientation": ASSUMED_SIGMA_ROTATION, "encoder": 5e-6}
 
 
 #: Source of a noise that was estimated from visits to the same pose.
@@ -38,9 +39,6 @@ class NoiseSettings:
     beyond: float = 2.0
     #: Largest ratio of instrument variances of two sources that agree (assumed).
     disagree: float = 1.8
-    #: Default repeatability per axis (assumed: 30 to 120 um stated by makers are three standard deviations of a
-    #: distance).
-    assumed_repeatability: float = 2e-5
     #: Largest ratio of scatter between visits to instrument noise that counts as repeatability; a larger one is caused
     #: by backlash, drift or creep (assumed: 15 to 40 um of robots, 15 to 40 um of trackers).
     repeats_like: float = 1.5
@@ -121,7 +119,7 @@ def estimate_noise(
     # the mean of pooled rows is less uncertain than a row; repeatability is compared with a row
     single_row = max(variance, campaign.scatter**2)
     # scatter of repeated poses beyond stated sigma and repeatability is drift, creep or backlash, not noise
-    usual = share * variance + (repeatability or NOISE.assumed_repeatability) ** 2
+    usual = share * variance + (repeatability or REPEATABILITY) ** 2
     odd = stated is not None and count > 0 and again > chance_factor(count) * usual
     robot, freedom, origin = _repeatability(again - share * variance, 0 if odd else count, repeatability, single_row)
     source = " and ".join(label for label in (source, origin) if label)
@@ -187,7 +185,7 @@ def _repeatability(
         if not sources or scatter + instrument < NOISE.disagree * (sources[0][1] + instrument):
             sources.append((REPEATED_POSES, scatter, count))
     if not sources:
-        return NOISE.assumed_repeatability**2, NOISE.assumed, ""
+        return REPEATABILITY**2, NOISE.assumed, ""
     weight = sum(w for _, _, w in sources)
     return sum(v * w for _, v, w in sources) / weight, weight, " and ".join(label for label, _, _ in sources)
 

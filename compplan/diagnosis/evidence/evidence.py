@@ -122,12 +122,10 @@ def find_posterior(
     *,
     fit: bool = True,
     steps: int = EVIDENCE.first_steps,
-    shared: bool = True,
 ) -> Posterior:
     """Compute evidence and posterior; noise and background are fitted to the campaign unless `fit` is False.
 
-    `hyper` holds their initial values; `steps` limits the fit; `shared`: whether rows of a stay may share an
-    error.
+    `hyper` holds their initial values; `steps` limits the fit.
     """
     channels, loose, variance = equations.channels, _loose(prior, hyper), _Variance(prior)
     rows = gather_products(channels, prior.active)
@@ -135,7 +133,7 @@ def find_posterior(
         return _conclude(prior, channels, rows.solve(variance.at(hyper.log_tau), hyper), hyper)
     bounds = (
         [(EVIDENCE.log_range[0], _most_noise(ch)) for ch in channels]
-        + [EVIDENCE.log_range if shared else (EVIDENCE.log_range[0], EVIDENCE.log_range[0])] * len(channels)
+        + [EVIDENCE.log_range] * len(channels)
         + [EVIDENCE.log_range if is_loose else (EVIDENCE.log_range[0], EVIDENCE.most_tau) for is_loose in loose]
     )
     # evidence relative to its initial value, for its digits; steps in units of typical errors
@@ -219,18 +217,6 @@ def _most_noise(channel: ChannelProducts) -> float:
     return float(np.log(max(channel.total.square / max(channel.total.count, 1), 1.0)) + 1.0)
 
 
-def combine_channels(channels: Sequence[ChannelProducts], hyper: Hyper) -> tuple[Array, Array, float, float]:
-    """Return gram, products with the observations, their square, and log det of the noise."""
-    weights, products = list_products(channels)
-    weight = weights.weigh(hyper.log_noise, hyper.log_shared)
-    gram = weight[0] * products[0].gram
-    for factor, part in zip(weight[1:], products[1:], strict=True):
-        gram += factor * part.gram
-    against = np.sum([factor * part.against for factor, part in zip(weight, products, strict=True)], axis=0)
-    square = float(weight @ [part.square for part in products])
-    return gram, against, square, weights.log_det(hyper.log_noise, hyper.log_shared)
-
-
 def _loose(prior: Prior, hyper: Hyper) -> NDArray[np.bool_]:
     """Return which classes are loose (unmodelled errors). Shape (classes,)."""
     return prior.loose if len(prior.loose) else np.zeros(len(hyper.log_tau), bool)
@@ -275,7 +261,7 @@ class Gain:
 
 def find_gains(equations: NormalEquations, posterior: Posterior, candidates: list[int]) -> list[Gain]:
     """Compute the gain of each candidate in log evidence, noise and background held."""
-    gram, against, _, _ = combine_normal_equations(equations, posterior.hyper)
+    gram, against = combine_normal_equations(equations, posterior.hyper)
     cross = gram.take(posterior.columns, axis=1)
     left = against - cross @ posterior.mean
     known = cross @ posterior.covariance
@@ -293,9 +279,17 @@ def find_gains(equations: NormalEquations, posterior: Posterior, candidates: lis
 
 
 @lru_cache(maxsize=1)
-def combine_normal_equations(equations: NormalEquations, hyper: Hyper) -> tuple[Array, Array, float, float]:
-    """Combine the channels of all normal equations; cached, since a search repeats this at the same noise."""
-    return combine_channels(equations.channels, hyper)
+def combine_normal_equations(equations: NormalEquations, hyper: Hyper) -> tuple[Array, Array]:
+    """Return the products of all columns with columns and with observations, over the noise of all channels.
+
+    Shapes (p, p), (p,). Cached, since a search repeats this at the same noise.
+    """
+    weights, products = list_products(equations.channels)
+    weight = weights.weigh(hyper.log_noise, hyper.log_shared)
+    gram = weight[0] * products[0].gram
+    for factor, part in zip(weight[1:], products[1:], strict=True):
+        gram += factor * part.gram
+    return gram, np.sum([factor * part.against for factor, part in zip(weight, products, strict=True)], axis=0)
 
 
 def _rate_blocks(blocks: Array, left: Array, positive: NDArray[np.bool_]) -> tuple[Array, Array]:

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtri
 
-from compplan.diagnosis.data.shared import HALF_WIDTH, LEVEL, SAMPLE
+from compplan.diagnosis.data.shared import ENOUGH_ROWS, HALF_WIDTH, LEVEL, SAMPLE
 from compplan.diagnosis.evidence.candidates import in_background
 from compplan.diagnosis.evidence.evidence import Posterior
 from compplan.diagnosis.results.verdict import Verdict, drop_insignificant
@@ -40,8 +40,6 @@ Mask = NDArray[np.bool_]
 SCALES = (0.05, 0.1, 0.2, 0.3, 0.5, 0.8, 1.3)
 #: Default correlation length if there are too few poses: the middle one. [m]
 SCALE = SCALES[len(SCALES) // 2]
-#: Fewest poses for an estimate of the correlation length (assumed: thirty poses have four hundred pairs).
-FEWEST_POSES = 30
 
 
 def state_uncertainty(folds: Folds, found: Calibration, state: FitState, held: HeldOut, good: Mask) -> Uncertainty:
@@ -173,7 +171,7 @@ def find_scale(place: Array, left: Array, pose: NDArray[np.int_]) -> float:
     """
     _, index, count = np.unique(pose, return_inverse=True, return_counts=True)
     index = index.reshape(-1)
-    if len(count) < FEWEST_POSES:
+    if len(count) < ENOUGH_ROWS:
         return SCALE
     mean = [np.stack([np.bincount(index, part[:, k]) / count for k in range(3)], axis=1) for part in (place, left)]
     few = np.unique(np.linspace(0, len(count) - 1, SAMPLE).astype(int))

@@ -54,8 +54,6 @@ class NamingSettings:
     refused: float = 1.0 - CERTAIN
     #: Largest margin; larger ones are clipped (assumed).
     most_margin: float = 1000.0
-    #: Least share of the values that counts as degrees of freedom of the noise (assumed).
-    left_to_noise: float = 0.5
 
 
 NAMING = NamingSettings()
@@ -216,7 +214,7 @@ def measure_structure(fit: Fit, revised: RevisedProbabilities) -> Structure:
     ) * source.sigma
     n_values = float(source.n_values.sum())
     used = n_values - count_used(revised, foreign)
-    rms = float(np.sqrt(n_values / len(left) * np.sum(left**2) / max(used, NAMING.left_to_noise * n_values)))
+    rms = float(np.sqrt(n_values / len(left) * np.sum(left**2) / max(used, 1.0)))
     floor = noise_floor(fit)
     claimed = equations.join_columns(revised.model.signatures)
     frames = equations.columns_named(REGISTRATION)

@@ -275,7 +275,7 @@ def find_alternatives(fit: Fit, signature: int, values: Array | None = None) -> 
 
 def _measure_trace(fit: Fit, columns: NDArray[np.int_], values: Array) -> tuple[Array, float]:
     """Return the products of all columns, frames projected out, and the squares of a claim's motion."""
-    gram, _, _, _ = combine_normal_equations(fit.search.equations, fit.model.posterior.hyper)
+    gram, _ = combine_normal_equations(fit.search.equations, fit.model.posterior.hyper)
     whole = float(values @ gram[np.ix_(columns, columns)] @ values)
     frames = fit.search.equations.columns_named("base_frame", "tool_frame", REGISTRATION)
     free = project_out(gram, frames)
@@ -296,18 +296,13 @@ def _all_columns(fit: Fit, number: int) -> NDArray[np.int_]:
 
 
 def _share(gram: Array, columns: NDArray[np.int_], values: Array, other: NDArray[np.int_], energy: float) -> float:
-    against = gram[np.ix_(other, columns)] @ values
-    return float(np.clip(against @ _solve_trace(gram, columns, values, other) / energy, 0.0, 1.0))
-
-
-def _solve_trace(gram: Array, columns: NDArray[np.int_], values: Array, other: NDArray[np.int_]) -> Array:
-    """Return the values of other columns that explain most of a motion; zero if they move nothing."""
-    block = gram[np.ix_(other, other)]
+    """Return the share of a motion that other columns explain; zero if they move nothing."""
+    block, against = gram[np.ix_(other, other)], gram[np.ix_(other, columns)] @ values
     trace = float(np.trace(block))
     if trace <= 0:
-        return np.zeros(len(other))
-    against = gram[np.ix_(other, columns)] @ values
-    return np.asarray(np.linalg.solve(block + 1e-9 * trace / len(block) * np.eye(len(block)), against))
+        return 0.0
+    fitted = np.linalg.solve(block + 1e-9 * trace / len(block) * np.eye(len(block)), against)
+    return float(np.clip(against @ fitted / energy, 0.0, 1.0))
 
 
 def is_comparable(other: Signature) -> bool:
