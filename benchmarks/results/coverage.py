@@ -9,7 +9,7 @@ import numpy as np
 from benchmarks.coverage.table import list_coverage, list_verdicts
 from benchmarks.coverage.touched import list_jobs
 from benchmarks.ladder import AIM as NEAR
-from benchmarks.ladder import find_steps, list_rungs
+from benchmarks.ladder import RUNGS, find_steps, list_rungs
 from benchmarks.results.chart import Chart
 from benchmarks.results.findings import Findings, Settings, draw_table, run_benchmark
 
@@ -76,8 +76,8 @@ def measure(settings: Settings) -> Findings:
         (
             *(f"Touched-off {row[0]}: the band holds {row[3]} % of the tips, {row[4]} times the true 95 % point."
               for row in touched if not AIM[0] <= float(row[3]) <= AIM[1] or float(row[4]) > WIDE),
-            *(f"{step.shop}, {step.rung}: {step.predicted:.2f} mm predicted, {step.after:.2f} mm after."
-              for step in steps if abs(step.ratio - 1.0) > NEAR),
+            *(f"Ladder, {rung}: more than {NEAR:.0%} off in shops {', '.join(far)}." for rung in RUNGS
+              if (far := [s.shop[-2:] for s in steps if s.rung == rung and abs(s.ratio - 1.0) > NEAR])),
             *(
                 f"The band holds {row[3]} % of {row[0]} tips (aim {AIM[0]:.0f} to {AIM[1]:.0f} %)."
                 for row in coverage

@@ -38,7 +38,6 @@ CHART = Chart("true rms across path A, mm", {
 }, log=True)  # fmt: skip
 LIMITS = (
     "Simulated robots, five kinds; circles under a constant force. Jobs with joint programs alone.",
-    "Each shop has one robot: a band for 95 % of all robots is 1.7 to 1.8 times the 95 % point of one (two tried).",
     "Because the force scatters by 7 %, the best estimate from one part leaves more than 1.2 floors in 18 %, more than"
     " 1.1 times the error after poses in 21 %.",
     "The points of the part have no s_mm, so the error along the path is not measured.",

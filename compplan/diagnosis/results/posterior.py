@@ -21,7 +21,7 @@ from compplan.diagnosis.data.shared import ENOUGH_ROWS, HALF_WIDTH, LEVEL, SAMPL
 from compplan.diagnosis.evidence.candidates import in_background
 from compplan.diagnosis.evidence.evidence import Posterior
 from compplan.diagnosis.results.verdict import Verdict, drop_insignificant
-from compplan.diagnosis.search.state import Fit, FitState, attain_state
+from compplan.diagnosis.search.state import Fit, FitState, linearize_state
 from compplan.diagnosis.validation.calibration import Calibration
 from compplan.diagnosis.validation.held_out import Folds, HeldOut, fit_frames, spread_held_out
 from compplan.effects import is_of_instrument
@@ -32,7 +32,7 @@ from compplan.measurement.distance import calibrate_band
 from compplan.robot import Array, Robot
 from compplan.robot.uncertainty import Uncertainty, Unknown, split_unknowns, spread_unknowns
 from compplan.uncertainty.assumed import free_base, robot_uncertainty
-from compplan.uncertainty.sensitivities import measure_slopes
+from compplan.uncertainty.posture_errors import derive_unknowns
 
 Mask = NDArray[np.bool_]
 
@@ -59,10 +59,11 @@ def state_uncertainty(folds: Folds, found: Calibration, state: FitState, held: H
     absent = np.array([state.values.get(equations.names[c], 0.0) == 0.0 for c in columns], bool)
     missing = np.where(absent, posterior.mean[at], 0.0)
     rows = equations.source[0].rows
-    every = np.ones(len(rows), bool)
-    model = spread_held_out(folds, every, columns, np.outer(missing, missing))
+    slopes = equations.designs[0] * equations.source[0].sigma[:, :, None]
+    model = spread_held_out(folds, np.ones(len(rows), bool), slopes[..., columns], np.outer(missing, missing))
     for number, without in found.without_fold.items():  # a prediction errs by the posterior without its pose
-        model += spread_held_out(folds, folds.fold[rows] == number, without.columns, without.covariance)
+        test = folds.fold[rows] == number
+        model += spread_held_out(folds, test, slopes[test][..., without.columns], without.covariance)
     covariance = (posterior.covariance[np.ix_(at, at)] + np.outer(missing, missing)) * np.outer(scale, scale)
     named, root = spread_unknowns(unknowns, covariance)
     name = fit.problem.campaign.file.name if fit.problem.campaign.file else "a campaign"
@@ -78,15 +79,12 @@ def state_nominal_uncertainty(folds: Folds, nominal: FitState, residual: Array, 
     rows, (n, 3) [m]; other arguments: see `state_uncertainty`.
     """
     fit, rows = folds.fit, folds.fit.search.equations.source[0].rows
-    known, poses = robot_uncertainty(fit.problem.robot), len(np.unique(folds.pose))
-    moved = measure_slopes(attain_state(fit.problem, nominal)[0], known.unknowns, rows) @ known.spread
-    model = np.zeros((len(rows), 3, 3))
-    for column in np.moveaxis(moved, 2, 0):
-        left = fit_frames(fit, column, poses)
-        model += np.einsum("ni,nj->nij", left, left)
+    known = robot_uncertainty(fit.problem.robot)
+    slopes = derive_unknowns(linearize_state(fit.problem, nominal), known.unknowns)[rows]
+    model = spread_held_out(folds, np.ones(len(rows), bool), slopes, known.covariance)
     name = fit.problem.campaign.file.name if fit.problem.campaign.file else "a campaign"
     source = f"{known.source}; unexplained error from {name}, whose fit did not hold on left-out poses"
-    held = HeldOut(rows, fit_frames(fit, residual[rows], poses))
+    held = HeldOut(rows, fit_frames(fit, residual[rows], len(np.unique(folds.pose))))
     return _add_unexplained(folds, replace(known, source=source), model, held, good)
 
 

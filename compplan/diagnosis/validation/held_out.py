@@ -152,26 +152,24 @@ def take_out_frames(equations: NormalEquations, left: Array) -> Array:
     return np.asarray(left - (columns @ values).reshape(left.shape))
 
 
-def spread_held_out(folds: Folds, test: NDArray[np.bool_], columns: NDArray[np.int_], covariance: Array) -> Array:
+def spread_held_out(folds: Folds, test: NDArray[np.bool_], slopes: Array, covariance: Array) -> Array:
     """Return the covariance of held-out errors due to columns that predict the rows of one fold. (r, 3, 3) [m^2]
 
     The frames that are fitted to the errors of all rows spread those of the fold. test: rows of the fold, (r,);
-    covariance: of the columns, frames included, (k, k).
+    slopes: their motion by each column, frames included, (n, 3, k) [m]; covariance: of the columns, (k, k).
     """
     fit, equations = folds.fit, folds.fit.search.equations
-    design, found = equations.designs[0], np.zeros((len(test), 3, 3))
-    part = design[test][..., columns]
+    sigma, found = equations.source[0].sigma[:, :, None], np.zeros((len(test), 3, 3))
+    part = slopes / sigma[test]
     if fit.problem.register:
-        frames = np.linalg.svd(
-            design[..., equations.columns_named(REGISTRATION)].reshape(3 * len(test), -1), full_matrices=False
-        )
-        frame = frames.U[:, 1e-9 * frames.S.max() < frames.S].reshape(len(test), 3, -1)
+        frames = equations.designs[0][..., equations.columns_named(REGISTRATION)].reshape(3 * len(test), -1)
+        basis, size, _ = np.linalg.svd(frames, full_matrices=False)
+        frame = basis[:, size > 1e-9 * size.max()].reshape(len(test), 3, -1)
         share = np.einsum("nic,nik->ck", frame[test], part)
         part = part - frame[test] @ share
         found[~test] = frame[~test] @ (share @ covariance @ share.T) @ np.swapaxes(frame[~test], 1, 2)
     found[test] = part @ covariance @ np.swapaxes(part, 1, 2)
-    scale = free_of_frames(fit, len(np.unique(folds.pose))) * equations.source[0].sigma
-    return np.asarray(scale[:, :, None] ** 2 * found)
+    return np.asarray((free_of_frames(fit, len(np.unique(folds.pose))) * sigma) ** 2 * found)
 
 
 def free_of_frames(fit: Fit, poses: int) -> float:
