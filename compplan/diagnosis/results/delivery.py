@@ -65,7 +65,11 @@ def deliver_robot(
     state = calibrated_state(fit, values, found.named) if better else nominal
     if not better or not has_equilibrium(problem, state):
         residual = _residual(problem, nominal)
-        known = state_nominal_uncertainty(folds, nominal, residual, good)
+        # a calibration that predicts as well as the nominal robot says that its parameters are nearly nominal
+        if stated.of(seen).rms <= (1.0 + NEGLIGIBLE) * before.rms:
+            known = state_uncertainty(folds, found, nominal, plain, good)
+        else:
+            known = state_nominal_uncertainty(folds, nominal, residual, good)
         return Delivery(NOMINAL, nominal, plain, residual, known, found.posterior)
     state = register_again(fit, state, fit.state.use)
     known = state_uncertainty(folds, found, state, held, good)
