@@ -268,10 +268,10 @@ def revise_probabilities(fit: Fit) -> RevisedProbabilities:
     search = Search(equations, prior, odds, fit.search.candidates, hyper, rigid=fit.search.rigid)
     model = _search_again(search, search.model(fit.model.claims, hyper, steps=EVIDENCE.first_steps))
     if model.claims:
-        # several claims together may fit one unmodelled error: compare with none, its classes start at one noise floor
+        # several claims together may fit one unmodelled error: restart without claims, classes at one noise floor
         grown = replace(hyper, log_tau=np.where(prior.loose, 0.0, hyper.log_tau))
-        bare = search.model([], grown, steps=EVIDENCE.first_steps)
-        model = _search_again(search, bare) if bare.score > model.score + SEARCH.least_gain else model
+        other = _search_again(search, search.model([], grown, steps=EVIDENCE.first_steps))
+        model = other if other.score > model.score + SEARCH.least_gain else model
     return RevisedProbabilities(search, model, tuple(driver for driver, _ in kinds), members)
 
 
