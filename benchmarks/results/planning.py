@@ -30,7 +30,7 @@ LIMITS = (
     '"After, as modelled" says that the equations are solved. It says nothing about your robot.',
     "The arm is at rest (`inertia = false`), the part frame absolute. Arms in motion: [coverage](coverage.md).",
     "The 20 % of the softer robot are assumed.",
-    "Robots are models from papers and data sheets. We know of no part cut with these programs.",
+    "Robots are models from papers and data sheets.",
 )
 JOBS = ("isf_cone", "circle_500mm", "circle_10mm", "circle_spindle_90", "gcode", "spiral", "freeform")
 #: At most so many rows of the cut are brought to rest, evenly.
