@@ -91,7 +91,7 @@ class LearnedPart(Shown):
         return np.asarray(task.position + (0.0 if self.residual is None else self.residual.at(length)))
 
     def summary(self) -> list[tuple[str, str]]:
-        """Return the results of the update and the prediction for the next part."""
+        """Return pairs of name and text: results of the model update, and the deviation predicted for the next part."""
         model_update, name = self.model_update, self.job.name or self.job.file.stem
         rows = [
             ("measured", f"rms {format_length(model_update.rms)} at {len(self.measured)} points"),

@@ -162,7 +162,7 @@ class Plan(Shown):
         )  # fmt: skip
 
     def explain_failures(self) -> str:
-        """Describe failed waypoints and their limits, or the checks that do not confirm the plan; "" if solved."""
+        """Describe failed waypoints and the limits they exceed, or the checks that failed; "" if solved."""
         failures, start = self.command.failures, self.task.start
         if not failures:
             return f"not confirmed: {'; '.join(self.breaches)}" if self.breaches else ""
@@ -181,7 +181,7 @@ class Plan(Shown):
                 f"(s = {1e3 * self.task.nominal.arc_length[rows[0]]:.0f} mm): {stops}")  # fmt: skip
 
     def summary(self) -> list[tuple[str, str]]:
-        """Return the main figures."""
+        """Return the main results as pairs of name and text with units; the first is the headline."""
         band, nominal = self.error_band, self.task.nominal
         sizes = [f"rms {format_length(e.rms_deviation)}, greatest {format_length(e.max_deviation)}"
                  for e in (self.before, self.after)]  # fmt: skip
@@ -203,7 +203,7 @@ class Plan(Shown):
         ]  # fmt: skip
 
     def columns(self) -> dict[str, Any]:
-        """Return a row per waypoint: place, time, joints, deviation before and after, 95 % band, predicted force."""
+        """Return columns, a row per waypoint, named with units: path in base frame, time, joints, deviations, force."""
         task, band = self.task, self.error_band
         columns: dict[str, Any] = {"s_mm": task.nominal.arc_length * 1e3, "time_s": self.timing.time}
         columns |= self.robot.joint_columns(self.q)

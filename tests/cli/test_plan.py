@@ -90,11 +90,11 @@ def test_a_key_or_value_that_no_job_has_is_refused_by_every_command_in_a_line(
     more = {"campaign": ["--poses", "5"], "learn": ["part.csv", "--robot", "kuka_kr270"]}.get(command, [])
     for change, fault in (
         ("plan.tolerence_mm=3", "--set plan.tolerence_mm: unknown key, choose from ['tolerance_mm', 'strategy'"),
-        ("plan=3", "--set plan: is 3, must be a table of keys; give one of them, such as plan.KEY = VALUE"),
+        ("plan=3", "--set plan: is 3, must be a section of keys; give one of them, such as plan.KEY = VALUE"),
         ("plan.speed=3", "--set plan.speed: unknown key, choose from ['strategy'"),
         ("plan.tolerance_mm=[1", "--set plan.tolerance_mm: is '[1', expected a TOML value"),
         ("part.position_mm=[1.0]", "--set part.position_mm[1]: missing number"),
-        ("robot.x=1", "--set robot.x: 'robot' is not a table of the job"),
+        ("robot.x=1", "--set robot.x: 'robot' is not a section of the job"),
         ("plan", "--set is 'plan', expected KEY=VALUE such as plan.tolerance_mm=0.05"),
     ):
         words = [command, PATHS / "circle_10mm.toml", *more, "--set", change, "--out", tmp_path / "out"]

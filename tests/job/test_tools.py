@@ -108,7 +108,7 @@ def test_a_cut_whose_tool_nobody_describes_is_refused_in_one_line(tmp_path, tabl
     ([], "tool: is empty"),
     ([{"number": 1, "lenght": 3.0}], r"tool\[0\].lenght: unknown key"),
     ([{"number": 1}, {"number": 2, "process": {"model": "drill", "teeths": 2}}], r"process.*T2: tool\[1\]"),
-    ([3], r"tool\[0\]: is 3, expected a table"),
+    ([3], r"tool\[0\]: is 3, expected a section"),
 ])  # fmt: skip
 def test_tools_that_cannot_be_are_refused_with_their_place(tmp_path: Path, tools: Any, said: str) -> None:
     with pytest.raises(InputError, match=said):
