@@ -49,8 +49,8 @@ STEPS, TIP_TOLERANCE, STEP = 15, 1e-9, 0.2
 #: Setup instruction of an instrument; {at} in the robot's base frame.
 SETUP = {
     SOCKETS: "socket {label} at ({at}) mm in the base frame; fix it until its poses are measured",
-    GAUGE: "dial gauge {label} at ({at}) mm in the base frame, its axis along ({along}) within 0.2 deg, so that the"
-           " reading grows in this direction; zero it once",
+    GAUGE: "dial gauge {label} where the tip touches it at ({at}) mm in the base frame, its axis along ({along}) within"
+           " 0.2 deg, so that the reading grows in this direction; zero it once, before the first pose",
 }  # fmt: skip
 #: Directions of dial gauges and plates, in turn for successive places.
 NORMALS = np.eye(3)[[2, 0, 1]]

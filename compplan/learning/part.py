@@ -225,7 +225,7 @@ def _list_notes(
     """Return the notes of an update: reason, transfer, points left out, and long moves."""
     if not model_update.taken:
         return (model_update.reason, *matched.notes)
-    whole = [f"{rigid}; it is learned as an error of the robot"] if rigid else []
+    whole = [f"{rigid}; it is learned as an error of the robot; if the set-up shifted, correct that"] if rigid else []
     longest = float(nominal.steps[~nominal.rapid[1:]].max(initial=0.0))
     coarse = f"moves longer than {LONG_MOVE * 1e3:g} mm are corrected at their ends only; sample them finer"
     return (

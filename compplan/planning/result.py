@@ -33,8 +33,6 @@ from compplan.uncertainty.touch_off import read_touch, touch_part
 
 #: Most limits listed in a sentence.
 LISTED = 3
-#: Coordinates of the part below which they may be metres: so near to the base no arm reaches (assumed). [mm]
-MOST_METRES = 10.0
 
 
 @dataclass(frozen=True, repr=False)
@@ -157,7 +155,8 @@ class Plan(Shown):
         return check_tolerance(
             self.task, self.status, self.error_band, before=self.before.distance, left=self.after.distance,
             known=self.motion is not None, failures=self.command.failures, failure=self.explain_failures(),
-            corrected=self.strategy != "none", compensates=self.job is None or self.job.plan.inertia,
+            position_mm=() if self.job is None else self.job.part.position_mm, corrected=self.strategy != "none",
+            compensates=self.job is None or self.job.plan.inertia,
             traced=self.executed is not None and self.executed.known,
         )  # fmt: skip
 
@@ -171,14 +170,12 @@ class Plan(Shown):
         far = [k for k in rows if failures[k] != CORRECTION_LIMIT]
         if start is not None and start.cause and far:
             word, stops, rest, rows = "are out of reach", start.cause, len(rows) - len(far), far
-            place = np.abs((0.0,) if self.job is None else self.job.part.position_mm).max()
-            stops += " (is the position of the part in metres, not in mm?)" if 0.0 < place < MOST_METRES else ""
             stops += f"; {rest} others need more correction than plan.max_correction_mm" if rest else ""
         elif not far:
             most = 1e3 * self.task.max_correction
             word, stops = f"need more correction than plan.max_correction_mm = {most:g}", "raise it"
         return (f"{len(rows)} of {len(self.task)} waypoints {word}, the first is waypoint {rows[0]} "
-                f"(s = {1e3 * self.task.nominal.arc_length[rows[0]]:.0f} mm): {stops}")  # fmt: skip
+                f"({1e3 * self.task.nominal.arc_length[rows[0]]:.0f} mm along the path): {stops}")  # fmt: skip
 
     def summary(self) -> list[tuple[str, str]]:
         """Return the main results as pairs of name and text with units; the first is the headline."""

@@ -281,4 +281,6 @@ def run_learn(
         announce("report")
         summary = write_learning(update, folder)
     lines = open_update(update).format(folder, summary["files"], update.notes[1:])
+    given = {key: options[key] for key in ("frame", "align") if options[key] not in (None, "part")}
+    lines[-1] += "".join(f" --{key} {value}" for key, value in given.items())
     return CommandResult(summary, lines, explain_failures([update.after]))
