@@ -178,7 +178,8 @@ def find_touching(
             met.append(found[high if scene is None else high & (measure_margin(scene, found, 0.0) >= 0.0)])
         return met
 
-    offered, chosen = _near(tip, middle), np.empty((0, 3))
+    away = np.linalg.norm(tip - middle, axis=1)
+    offered, chosen = tip[away <= np.median(away)], np.empty((0, 3))
     for number in range(places):
         most = 0
         while True:  # places that are unreachable or blocked are skipped
@@ -249,12 +250,6 @@ def list_fixtures(instrument: str, observations: Observations | None, tip: Array
         )  # fmt: skip
         fixtures.append(Fixture(label, place, instruction))
     return tuple(fixtures)
-
-
-def _near(tip: Array, middle: Array) -> Array:
-    """Return the half of the tips that is nearest to the centre of the path. Shape (k, 3) [m]."""
-    away = np.linalg.norm(tip - middle, axis=1)
-    return tip[away <= np.median(away)]
 
 
 def _choose_place(offered: Array, chosen: Array, middle: Array) -> int:

@@ -146,7 +146,7 @@ def render_diagnosis(
         notes.append(f"The joints of the log are counted as a {convention} counts them.")
     caption = "Share of the error by place. Lines: 95 % intervals; where one is long, another place explains it as well"
     picture = Chart(draw_gap_shares(split.shares.by_place, "place"), f"{caption}.", 330)
-    todo = words.describe_next(verdict, kind, words.list_poses(table, "below"))
+    todo = words.describe_next(table, kind, "below")
     name = "measurements in memory"
     if campaign.file is not None:
         name = ", ".join(filter(None, (campaign.file.stem, campaign.file.resolve().parent.name)))

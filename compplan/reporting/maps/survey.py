@@ -134,9 +134,7 @@ def map_planes(arm: Arm, settings: MapSettings) -> tuple[dict[str, DeflectionMap
 
 
 def map_robot(robot: Robot, settings: MapSettings) -> RobotMaps:
-    """Compute maps of stiffness and dexterity over two planes through the workspace.
-
-    The horizontal plane lies `settings.height` above the base, the vertical one points along `settings.azimuth`.
+    """Compute maps of stiffness and dexterity over a horizontal (`height`) and a vertical plane (`azimuth`).
 
     Raises:
         InputError: If the robot has no elasticity or fewer than six joints, or reaches no point of a plane.
