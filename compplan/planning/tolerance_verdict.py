@@ -145,8 +145,9 @@ def explain_limits(failures: Mapping[int, str], before: Array, position_mm: Sequ
     limit += f" {1e3 * float(before[beyond].max(initial=0.0)):.4g}"
     change = f"Raise {limit} ({len(beyond)} waypoints)."
     if others:
-        rest = f"; the other {len(beyond)} need {limit}" if beyond else ""
-        change = f"Move the part: compplan place JOB finds a place in reach ({others} waypoints){rest}."
+        change = f"Run compplan place JOB ({others} waypoints); the other {len(beyond)} need {limit}."
+    if not beyond:
+        change = "Move the part: compplan place JOB finds a place in reach."
     if 0.0 < max(map(abs, position_mm), default=0.0) < MOST_METRES:
         change = f"Is part.position_mm = {list(position_mm)} in metres, not in mm? If it is right: compplan place JOB."
     return ", ".join(listed) or "limits", change

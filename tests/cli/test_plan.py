@@ -29,8 +29,9 @@ def test_a_plan_prints_six_lines_and_ends_with_the_next_step(
     given = str(shutil.copy(PATHS / f"{job}.toml", "jobs"))
     answer = run_command(["plan", given, "--out", "out"], monkeypatch, capsys)
     lines = answer.out.splitlines()
-    raised = r"next: raise plan.max_correction_mm above [\d.]+ \(\d+ waypoints\)"
-    assert job != "limits_reach" or re.fullmatch(rf"{raised}; for the other \d+: compplan place {given}", lines[-1])
+    raised = r"the other \d+ need plan.max_correction_mm above [\d.]+"
+    move = rf"next: run compplan place {given} \(\d+ waypoints\)"
+    assert job != "limits_reach" or re.fullmatch(f"{move}; {raised}", lines[-1])
     stops = json.loads(Path("out/plan.json").read_text(encoding="utf-8"))["stops"]
     settle = [line.removeprefix(SETTLE) for line in lines if line.startswith(SETTLE)]
     others = [line for line in lines if not line.startswith(SETTLE)]

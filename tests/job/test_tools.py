@@ -328,7 +328,7 @@ def test_post_takes_tools_on_the_command_line(tmp_path: Path, monkeypatch, capsy
     done = run_command([*words, *more, "--tool", tmp_path / "spindle.toml", "--tools", tmp_path / "tools.csv"],
                        monkeypatch, capsys)  # fmt: skip
     assert done.status == 0, done.err
-    assert "2 operations (T1, T2), solved" in done.out and "then those of T2" in done.out
+    assert "run time of 2 operations" in done.out and "then those of T2" in done.out
     main = (tmp_path / "out" / "two_T2_L.src").read_text()
     assert re.search(r"\$TOOL=\{X 0.0+,Y 0.0+,Z 210.0+,", main)
 
