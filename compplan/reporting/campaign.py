@@ -156,13 +156,13 @@ def describe_campaign(campaign: PoseCampaign) -> str:
     choice, every = campaign.choice, len(campaign.choice.rows)
     useful = every if choice.enough is None else choice.enough
     change = format_mm_change(float(choice.greatest[0]), float(choice.greatest[useful]))
-    head = f"{useful} of {every} poses give nearly all the gain"
-    head = head if useful < every else f"All {every} poses are worth measuring"
+    head = f"{useful} of {every} poses give nearly all the gain" if useful < every else f"All {every} poses are needed"
     if campaign.lacks_load:
         head = f"Without load the {every} poses do not determine the compliances, the largest cause"
     text = f"{head}: at the worst point of the path the 95 % band narrows {change}."
     if useful == 0:
-        text = "No further pose is worth measuring: none narrows the 95 % band of this path."
+        loads = " without load" if campaign.lacks_load else ""
+        text = f"No further pose{loads} is worth measuring: none narrows the 95 % band of this path."
     return f"{text} The {campaign.log} measured rows of --log are included." if campaign.log else text
 
 

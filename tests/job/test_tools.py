@@ -215,7 +215,7 @@ def test_the_folder_holds_the_whole_and_each_tool(posted: cp.Posted) -> None:
     time = np.array([float(row.partition(",")[0]) for row in rows])
     assert (np.diff(time) >= 0.0).all() and [row.rpartition(",")[2] for row in rows[:: len(rows) - 1]] == ["T1", "T2"]
     page = (posted.folder / "report.html").read_text()
-    assert "for 2 operations, without the tool changes" in page and "two_T2_L.src" in page
+    assert "run time of 2 operations, without the tool" in page and "two_T2_L.src" in page
 
 
 def test_what_was_written_for_several_tools_is_read_back(
