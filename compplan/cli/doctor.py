@@ -151,9 +151,8 @@ def _check_masses(robot: Robot) -> Remark:
         return Remark("note", "masses", f"no link has a mass{why}: weight and inertia are left out")
     if fault := check_mass(sum_arm_mass(robot.joints[robot.carrying :], robot.bodies), read_rating(robot)):
         return Remark("odd", "masses", fault, "weight and inertia use them: correct robot.urdf")
-    rated = read_rating(robot) is not None
-    text = f"{mass:.0f} kg in {len(robot.bodies)} links{'' if rated else ', not checked (see rating)'}"
-    return Remark("fine" if rated else "note", "masses", text)
+    text = f"{mass:.0f} kg in {len(robot.bodies)} links"
+    return Remark("fine", "masses", text) if read_rating(robot) else Remark("note", "masses", f"{text}, not checked")
 
 
 def _check_springs(robot: Robot) -> Remark:

@@ -188,7 +188,7 @@ def describe_basis(error_band: ErrorBand) -> str:
     """State whether robot and force are measured or assumed."""
     robot = "measured" if error_band.known.grade == "measured" else "assumed, not measured"
     if not np.any(error_band.parts["force"]):
-        return f"robot {robot}; cutting force left out ([process] of a job adds it)"
+        return f"robot {robot}; cutting force left out ([process] adds it)"
     if "assumed" not in error_band.force.source:
         return f"robot {robot}; force as the job states it"
     return "robot measured; force assumed" if robot == "measured" else f"robot and force {robot}"

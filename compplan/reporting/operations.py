@@ -161,8 +161,7 @@ def _join_joints(files: Sequence[Path], labels: Sequence[str], whole: Path) -> N
 def describe_order(summary: dict[str, Any], files: Sequence[Path]) -> str:
     """Describe the order of the programs, and the main programs among the files that call them."""
     labels = [entry["label"] for entry in summary["tools"]]
-    order = f"run the programs of {', then those of '.join(labels)} (file names end in the tool)"
-    order += "; each begins with the tool change: your tool_change program, or a stop"
+    order = f"run the programs of {', then those of '.join(labels)}; each begins with its tool change (program or stop)"
     mains = [file.name for file in files if WHOLE.search(file.stem)]
     return f"{order}; {' and '.join(mains)} {'calls' if len(mains) == 1 else 'call'} them in order" if mains else order
 

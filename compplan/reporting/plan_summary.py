@@ -225,7 +225,7 @@ def format_plan(plan: Plan, folder: Path, files: Sequence[Path]) -> list[str]:
     step = _name_job(plan, plan.verdict.change or FIRST_RUN)
     cause = f"largest cause: {plan.verdict.largest_cause}"
     if plan.status != "infeasible" and (low := find_least_feed(plan.task, plan.timing)):
-        cause += f"; feed lowered from {1e3 * low[1]:.3g} to {1e3 * low[0]:.3g} mm/s in places"
+        cause += f"; feed lowered from {1e3 * low[1]:.3g} to {1e3 * low[0]:.3g} mm/s in places ({low[2]})"
     lines = [_format_verdict(plan), _format_band(plan), cause, _format_basis(plan)]
     step = f"next: {step[0].lower()}{step[1:].rstrip('.')}"
     wrote = format_files(folder, files, count_notes(plan.notes), plan.status)
