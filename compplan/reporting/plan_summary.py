@@ -255,7 +255,7 @@ def _format_basis(plan: Plan) -> str:
     if not plan.job.part.touched_off:
         return f"{basis}; part frame absolute in the robot base"
     touch = f"{basis}; touch off the part with this robot and tool"
-    other = f"{touch} (if not, set part.touched_off = false)"
+    other = f"{touch} (if not: part.touched_off = false)"
     return other if len(other) <= WIDTH else touch
 
 
