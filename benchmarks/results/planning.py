@@ -68,9 +68,9 @@ def measure(settings: Settings) -> Findings:
     ratio = np.median(np.array(softer) / np.array(before))
     return Findings(
         (
-            f"{len(JOBS)} shipped jobs: the uncorrected tip is off by {min(before):.2f} to {max(before):.2f} mm.",
-            f"As modelled, at most {max(1.0, 1e3 * max(at)):.0f} um is left at the waypoints, by MuJoCo.",
-            f"On a robot 20 % softer than its model, {100 * ratio:.0f} % of the uncorrected error is left (median).",
+            f"{len(JOBS)} shipped jobs: the uncorrected tip is {min(before):.2f} to {max(before):.2f} mm off the path.",
+            f"As modelled, at most {max(1.0, 1e3 * max(at)):.0f} um remains at the waypoints, by MuJoCo.",
+            f"On a robot 20 % softer than its model, {100 * ratio:.0f} % of the uncorrected error remains (median).",
         ),
         (draw_table(head, rows),),
         tuple(f"{row[0]}: {row[2]}" for row in rows if row[2] != "solved"),
