@@ -21,7 +21,7 @@ class CompplanError(Exception):
 
 
 class InputError(CompplanError):
-    """Error: an input file, a table, a key or an argument is not valid.
+    """Error: an input file, a section, a key or an argument is not valid.
 
     Args:
         message: What is wrong and what is expected.

@@ -74,7 +74,7 @@ def measure(settings: Settings) -> Findings:
             f"Single effects are named at their place in {beside(SINGLES)}.",
             f"Pairs of effects are named completely in {beside(DOUBLES)}.",
             f"Without a hidden effect, none is named in {beside(NOTHING)}.",
-            f"Names stated with a probability of .8 and more are wrong in {beside(SURE)}.",
+            f"Names stated with a probability of .8 or more are wrong in {beside(SURE)}.",
             "Error of a later campaign over its noise floor, median: "
             + ", ".join(f"{WORDS[name]} {found['fresh_over_floor_median']:.2f}" for name, found in scores.items())
             + f", nominal robot {scores['product']['nominal_over_floor_median']:.2f}.",

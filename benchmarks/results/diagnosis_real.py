@@ -81,7 +81,7 @@ def measure(settings: Settings) -> Findings:
     whole = [(hits, count) for name, hits, count in found if name.endswith("_whole")]
     return Findings(
         (
-            f"Error of fresh poses over that of the better plain one: {np.median(ratio):.2f} in the median of "
+            f"Error at fresh poses over that of the better plain fit: {np.median(ratio):.2f} in the median of "
             f"{len(rows)} campaigns, {max(ratio):.2f} at most{_beside_figaroh(rows)}.",
             f"The stated error is {np.min(stated):.2f} to {np.max(stated):.2f} times the true one, off by "
             f"{100 * np.median(np.abs(np.array(stated) - 1.0)):.0f} % in the median.",

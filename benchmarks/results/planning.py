@@ -30,7 +30,7 @@ LIMITS = (
     '"After, as modelled" says that the equations are solved. It says nothing about your robot.',
     "The arm is at rest (`inertia = false`), the part frame absolute. Arms in motion: [coverage](coverage.md).",
     "The 20 % of the softer robot are assumed.",
-    "Robots are models from papers and data sheets. We know of no part cut with these programs.",
+    "Robots are models from papers and data sheets.",
 )
 JOBS = ("isf_cone", "circle_500mm", "circle_10mm", "circle_spindle_90", "gcode", "spiral", "freeform")
 #: At most so many rows of the cut are brought to rest, evenly.
@@ -68,9 +68,9 @@ def measure(settings: Settings) -> Findings:
     ratio = np.median(np.array(softer) / np.array(before))
     return Findings(
         (
-            f"{len(JOBS)} shipped jobs: the uncorrected tip is off by {min(before):.2f} to {max(before):.2f} mm.",
-            f"As modelled, at most {max(1.0, 1e3 * max(at)):.0f} um is left at the waypoints, by MuJoCo.",
-            f"On a robot 20 % softer than its model, {100 * ratio:.0f} % of the uncorrected error is left (median).",
+            f"{len(JOBS)} shipped jobs: the uncorrected tip is {min(before):.2f} to {max(before):.2f} mm off the path.",
+            f"As modelled, at most {max(1.0, 1e3 * max(at)):.0f} um remains at the waypoints, by MuJoCo.",
+            f"On a robot 20 % softer than its model, {100 * ratio:.0f} % of the uncorrected error remains (median).",
         ),
         (draw_table(head, rows),),
         tuple(f"{row[0]}: {row[2]}" for row in rows if row[2] != "solved"),

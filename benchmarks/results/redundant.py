@@ -1,4 +1,4 @@
-"""Twelve redundant jobs: one program beside repeated mirror and the fastest run, at the CAM posture and the graph's."""
+"""Twelve redundant jobs: one program beside iterated mirror and the fastest run, at the CAM posture and the graph's."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from compplan.uncertainty.sensitivities import pick_rows, read_force_spread
 TITLE = "Redundant jobs: time, posture and correction in one program"
 QUESTION = (
     "On jobs that leave the arm a choice (rail, free spin, leans of 10 degrees, rounded corners), "
-    "what does one program of posture and speed bring beside repeated mirror compensation and the fastest run?"
+    "what does one program of posture and speed bring beside iterated mirror compensation and the fastest run?"
 )
 METHOD = (
     "`benchmarks/redundant_jobs.py` holds the jobs. Cells: cycle in s, widest 95 % band in mm with vibration. "
@@ -97,7 +97,7 @@ def measure(settings: Settings) -> Findings:
     return Findings(
         (
             f"{len(wins)} of {len(JOBS)} jobs: at least 15 % shorter at no wider band, or 25 % narrower at no "
-            f"longer cycle, beside repeated mirror at the graph's posture with the same easing (aim: 9): "
+            f"longer cycle, beside iterated mirror at the graph's posture with the same easing (aim: 9): "
             f"{', '.join(wins) or 'none'}. "
             f"With preset `error_band` where that does it: {len(asked)}"
             f"{''.join(f', {name}' for name in asked if name not in wins)}.",

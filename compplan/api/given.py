@@ -1,4 +1,4 @@
-"""Inputs of the API functions: a job (a file, a job, its tables, or a path with a robot) and a robot."""
+"""Inputs of the API functions: a job (a file, a job, its sections, or a path with a robot) and a robot."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from compplan.robot.folder import find_robot_folder
 from compplan.toolpath.reading import read_toolpath
 from compplan.toolpath.toolpath import Toolpath
 
-#: A table of a job: its keys, or a TOML file with them (alone, or within a job).
+#: A section of a job: its keys, or a TOML file with them (alone, or within a job).
 Table = Mapping[str, Any] | str | Path
-#: Tables of a job that API functions accept as keywords: all except `NO_TABLES`.
+#: Sections of a job that API functions accept as keywords: all except `NO_TABLES`.
 NO_TABLES = ("schema_", "name", "robot", "toolpath")
 TABLES = tuple(field.alias or name for name, field in Job.model_fields.items() if name not in NO_TABLES)
 #: Name of a path in memory, in its job.
@@ -33,11 +33,11 @@ def make_job(source: Any, robot: Any = None, tables: Mapping[str, Any] | None = 
     """Make a job from the arguments of an API function.
 
     Args:
-        source: A job: the file, a `Job`, or its tables; or a path: a CAM file or CSV, a `Toolpath`, a DataFrame, or
+        source: A job: the file, a `Job`, its sections; or a path: a CAM file or CSV, a `Toolpath`, a DataFrame, or
             columns by name.
         robot: The robot: name of a shipped one, folder, or `Robot`; it replaces the job's, and is required for a path.
-        tables: Tables of the job (`TABLES`); their keys replace those of the job. A part may be X, Y, Z or X, Y, Z, RX,
-            RY, RZ in mm and deg.
+        tables: Sections of the job (`TABLES`); their keys replace those of the job. A part may be X, Y, Z, or X, Y, Z,
+            RX, RY, RZ, in mm and deg.
 
     Raises:
         InputError: If an argument is not valid, or a path has no robot or no part frame.
@@ -46,7 +46,7 @@ def make_job(source: Any, robot: Any = None, tables: Mapping[str, Any] | None = 
         return source
     given = tables or {}
     if unknown := [name for name in given if name not in TABLES]:
-        raise InputError(f"no table named {unknown[0]!r} in a job, choose from {list(TABLES)}")
+        raise InputError(f"no section named {unknown[0]!r} in a job, choose from {list(TABLES)}")
     more = {name: read_table(name, table) for name, table in given.items() if table is not None}
     if "part" in more and not isinstance(given["part"], Mapping | str | Path):
         more["part"] = {"rotation_deg": [0.0, 0.0, 0.0], **more["part"]}
@@ -69,7 +69,7 @@ def make_job(source: Any, robot: Any = None, tables: Mapping[str, Any] | None = 
 
 
 def _read_source(source: Any) -> tuple[dict[str, Any], Path, Toolpath | None, Robot | None, bool]:
-    """Return tables and file of the job, path and robot in memory, and whether it is a path without a job."""
+    """Return sections and file of the job, path and robot in memory, and whether it is a path without a job."""
     if isinstance(source, Job):
         tables = source.model_dump(exclude_unset=True, by_alias=True)
         numbered = {"tool": source.context.data["tool"]} if source.context.tools else {}
@@ -93,14 +93,14 @@ def _read_source(source: Any) -> tuple[dict[str, Any], Path, Toolpath | None, Ro
 
 
 def _path_job(name: str, toolpath: str, process: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the tables of a job for a path without one."""
+    """Return the sections of a job for a path without one."""
     return {"schema": 1, "name": name, "toolpath": toolpath, "process": dict(process)}
 
 
 def read_table(name: str, table: Any) -> Any:
-    """Return a table of a job from its keys, from a TOML file, or from a short form.
+    """Return a section of a job from its keys, from a TOML file, or from a short form.
 
-    Short forms are numbers for a part, a language for [output], and a list of tables for [[tool]].
+    Short forms are numbers for a part, a language for [output], and a list of sections for [[tool]].
 
     Raises:
         InputError: If it is none of them, or the file is not valid.
@@ -121,7 +121,7 @@ def read_table(name: str, table: Any) -> Any:
         return {"position_mm": numbers[:3], **({"rotation_deg": numbers[3:]} if numbers[3:] else {})}
     if isinstance(table, Sequence) and table and all(isinstance(row, Mapping) for row in table):
         return [dict(row) for row in table]
-    raise InputError(f"{name} is {table!r}, expected a table such as [{name}] of a job")
+    raise InputError(f"{name} is {table!r}, expected a section such as [{name}] of a job")
 
 
 def _plain(table: Any) -> dict[str, Any]:
@@ -152,12 +152,12 @@ def make_post_job(
     program: str | Sequence[str], profile: str | Path | None, tools: Table | Sequence[Mapping[str, Any]] | None,
     job_file: Path, **tables: Table | None,
 ) -> Job:  # fmt: skip
-    """Make the job for a call of `post`; arguments as there, `tables` by their names in a job.
+    """Make the job for a call of `post`; arguments as there, `tables`: sections by their names in a job.
 
     `job_file` is the path of the assumed job file; relative paths refer to its folder.
 
     Raises:
-        InputError: If a table is not valid.
+        InputError: If a section is not valid.
     """
     languages = [program] if isinstance(program, str) else list(program)
     under = {} if profile is None else read_profile(Path(profile))

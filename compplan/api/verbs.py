@@ -60,12 +60,12 @@ def plan(
         print(plan); plan.plot(); plan.to_frame(); cp.write_plan(plan, "out")
 
     Args:
-        job: A job: the TOML file, a `Job`, or its tables; or a path: a CAM file or CSV, a `Toolpath`, a DataFrame, or
+        job: A job: the TOML file, a `Job`, or its sections; or a path: a CAM file or CSV, a `Toolpath`, a DataFrame, or
             columns by name with units in the names.
         robot: Name of a shipped robot, a robot folder, or a `Robot`; it replaces the job's, and is required for a path.
-        out: Folder for the files that the command writes; left out: nothing is written.
+        out: Folder for the files that the command of this name writes; left out: none.
         progress: Called with the current step as text; an exception raised in it ends the call.
-        tables: Tables of the job, such as `plan={"tolerance_mm": 0.05}`; their keys replace those of the job.
+        tables: Sections of the job, such as `plan={"tolerance_mm": 0.05}`; their keys replace those of the job.
             `part=(x, y, z)` or `(x, y, z, rx, ry, rz)` in mm and deg, `output="krl"` for a program.
 
     Returns:
@@ -98,16 +98,16 @@ def post(
     Args:
         camfile: The CAM file.
         robot: Name of a shipped robot, or path of a robot folder.
-        part: Part frame in the robot base frame: X Y Z [mm], with a rotation vector [deg] if six numbers; or [part].
+        part: Part frame in the robot base: X Y Z [mm], of six numbers also a rotation vector [deg]; or section [part].
         program: Language, or languages.
-        profile: Shop profile with defaults; robot, part and program may be left out if it states them.
-        tool: Table [tool] of a job; left out: the robot folder's TCP.
-        tools: For a file that calls several tools: a list of [[tool]], or a tool table (its file, or [tools]).
-        process: Table [process] of a job; left out: no force is predicted.
-        cam: Table [cam] of a job: options for reading the file.
-        plan: Table [plan] of a job: strategy, tolerance, posture.
-        output: Table [output] of a job: signals (io), templates.
-        out: Folder to write to; left out: out.
+        profile: TOML file with defaults of the shop; robot, part and program may be left out if it states them.
+        tool: Section [tool] of a job; left out: the robot folder's TCP.
+        tools: For a file that calls several tools: list [[tool]] or section [tools] of a job, or a tool table's file.
+        process: Section [process] of a job; left out: no force is predicted.
+        cam: Section [cam] of a job: options for reading the file.
+        plan: Section [plan] of a job: strategy, tolerance, posture.
+        output: Section [output] of a job: signals (io), templates.
+        out: Folder to write to; default: "out".
 
     Raises:
         InputError: If an argument is not valid; nothing is written then.
@@ -154,9 +154,9 @@ def compare(
     Args:
         job: As for `compplan.plan`.
         robot: As for `compplan.plan`.
-        out: Folder for the files that the command writes; left out: nothing is written.
+        out: Folder for the files that the command of this name writes; left out: none.
         progress: Called with the current step as text; an exception raised in it ends the call.
-        tables: Tables of the job; their keys replace those of the job.
+        tables: Sections of the job; their keys replace those of the job.
 
     Returns:
         The comparison.
@@ -190,13 +190,13 @@ def diagnose(
         measurements: A measurement log: the CSV file, a `Campaign`, a DataFrame, or columns by name with units in the
             names.
         robot: Name of a shipped robot, a robot folder, or a `Robot`.
-        register: Unknown frames: "base", "tool" or both; they are fitted in every model.
-        without: Effects to leave out of the candidates.
+        register: Unknown frames, "base" and/or "tool"; they are fitted in every candidate model.
+        without: Names of effects (listed by `compplan diagnose --help`) to leave out of the candidates.
         tool: The tool that was mounted, as [tool] of a job, or its TOML file.
         target_offset_mm: The measured point in the TCP frame; left out: the TCP. Shape (3,). [mm]
-        instrument: TOML file of an instrument that does not measure positions: contacts, readings, ball bars.
+        instrument: TOML file of an instrument for other data than positions: socket, probe, dial gauge, ball bar.
         assume_ok: Whether to continue despite a plausibility question about the log.
-        out: Folder for the files that the command writes; left out: nothing is written.
+        out: Folder for the files that the command of this name writes; left out: none.
         progress: Called with the current step as text; an exception raised in it ends the call.
 
     Returns:
@@ -263,7 +263,7 @@ def learn(
         mesh: Nominal surface of the part, STL or PLY in mm, in the frame of the points; they count along its normals.
         reach_mm: Greatest distance of that surface from the path of the tip; left out: from the job's cutter. [mm]
         assume_ok: Whether to continue despite a plausibility question about the points.
-        out: Folder for the files that the command writes; left out: nothing is written.
+        out: Folder for the files that the command of this name writes; left out: none.
         progress: Called with the current step as text; an exception raised in it ends the call.
 
     Returns:

@@ -60,8 +60,8 @@ OPTIONAL = {
 class Remark:
     """Result of one check."""
 
-    #: "fine": as expected; "note": useful to know; "odd": probably a mistake, or a limit to the results.
-    state: Literal["fine", "note", "odd"]
+    #: "fine": as expected; "note": useful to know; "odd": probably a mistake or a limit; "do": for you to check.
+    state: Literal["fine", "note", "odd", "do"]
     about: str  #: Subject of the check.
     sentence: str  #: Result, with its figure.
     advice: str = ""  #: Remedy, or "".
@@ -151,7 +151,8 @@ def _check_masses(robot: Robot) -> Remark:
         return Remark("note", "masses", f"no link has a mass{why}: weight and inertia are left out")
     if fault := check_mass(sum_arm_mass(robot.joints[robot.carrying :], robot.bodies), read_rating(robot)):
         return Remark("odd", "masses", fault, "weight and inertia use them: correct robot.urdf")
-    return Remark("fine", "masses", f"{mass:.0f} kg in {len(robot.bodies)} links")
+    text = f"{mass:.0f} kg in {len(robot.bodies)} links"
+    return Remark("fine", "masses", text) if read_rating(robot) else Remark("note", "masses", f"{text}, not checked")
 
 
 def _check_springs(robot: Robot) -> Remark:
@@ -191,7 +192,7 @@ def check_pendant(robot: Robot) -> Iterator[Remark]:
     else:
         why = "taken from the URDF" if not found.stated else "where x points is not confirmed"
         yield Remark("note", "pendant", f"{text}; {why}", "jog along +x of tool 0 before the first cut")
-    yield Remark("fine", "jog check", _describe_jog(robot, found.pose))
+    yield Remark("do", "jog check", _describe_jog(robot, found.pose), "if it does not, correct the tool data")
     cosine = float(np.clip(mounted_tool(robot)[:3, 2] @ found.pose[:3, 2], -1.0, 1.0))
     if (angle := float(np.degrees(np.arccos(cosine)))) > ASIDE:
         text = f"z of {robot.tcp!r} points {angle:.3g} deg away from the flange's outward axis"
@@ -206,7 +207,7 @@ def _describe_jog(robot: Robot, pendant: Array) -> str:
     seen = counting.world[:3, :3].T @ (locate_link(robot, q[None], robot.flange)[0] @ pendant)[:3, :3]
     x, z = (name_axis(np.where(np.abs(seen[:, k]) < 1e-6, 0.0, seen[:, k])) for k in (0, 2))
     pose = "with every axis at 0" if np.allclose(q, zero) else "with every axis as near to 0 as its limits allow"
-    return f"{pose}, tool 0 jogs along +x towards {x} and along +z towards {z} of the base frame"
+    return f"{pose}, tool 0 must jog along +x towards {x} and along +z towards {z} of the base frame"
 
 
 def examine_log(file: Path, robot: Robot | None = None) -> list[Remark]:

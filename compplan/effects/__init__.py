@@ -78,7 +78,7 @@ def robot_effects(robot: Robot) -> tuple[Effect, ...]:
     """Return the effects of a robot folder's effects.toml.
 
     Raises:
-        InputError: If a table names an unknown effect or joint.
+        InputError: If an entry names an unknown effect or joint.
     """
     file = None if robot.folder is None else robot.folder / "effects.toml"
     effects = []
@@ -93,7 +93,7 @@ def robot_effects(robot: Robot) -> tuple[Effect, ...]:
             raise UnknownNameError("joint", str(joint), names, file=file, where=f"{where}.joint")
         parameters = table.get("parameters")
         if not isinstance(parameters, Mapping):
-            raise InputError("expected a table of parameters", file=file, where=f"{where}.parameters")
+            raise InputError("expected a section of parameters", file=file, where=f"{where}.parameters")
         check_effect(table, robot, file, where)
         effects.append(Effect(name, joint, table.get("axis"), dict(parameters)))
     return tuple(effects)

@@ -104,7 +104,7 @@ POSITIVE = ("time_constant_s", "reference_load", "cycles_per_turn", "cycles_per_
 
 
 def check_effect(table: Mapping[str, Any], robot: Robot, file: Path | None, where: str) -> None:
-    """Refuse a table of effects.toml with a wrong place or parameters; its effect and joint are known to exist.
+    """Refuse an entry of effects.toml with a wrong place or parameters; its effect and joint are known to exist.
 
     An effect without a rule in `RULES` or its module is only checked for finite numbers.
 

@@ -23,11 +23,11 @@ class Effect:
 
     @property
     def place(self) -> tuple[str, str | None, str | None]:
-        """Name, joint and axis."""
+        """Where the effect acts: its name, its joint and its axis, None where it has none."""
         return self.name, self.joint, self.axis
 
     def to_table(self) -> dict[str, Any]:
-        """Return the table of effects.toml."""
+        """Return the entry of effects.toml."""
         table: dict[str, Any] = {"effect": self.name}
         if self.joint is not None:
             table["joint"] = self.joint
@@ -58,7 +58,7 @@ class Signature:
 
     @property
     def place(self) -> tuple[str, str | None, str | None]:
-        """Name, joint and axis."""
+        """Where the effect acts: its name, its joint and its axis, None where it has none."""
         return self.name, self.joint, self.axis
 
     @property

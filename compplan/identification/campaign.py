@@ -28,7 +28,7 @@ from compplan.uncertainty.assumed import free_base
 
 @dataclass(frozen=True)
 class Identification:
-    """Result of an identification."""
+    """Robot parameters identified from a measurement log, with their uncertainty."""
 
     robot: Robot  #: The updated robot.
     nominal: Robot  #: The robot before.

@@ -63,7 +63,7 @@ class Shown:
     """Base class of results; a subclass defines `summary` and optionally `columns`, `curves`, `to_dict`."""
 
     def summary(self) -> list[tuple[str, str]]:
-        """Return the main figures as pairs of name and text; the first is the headline."""
+        """Return the main results as pairs of name and text with units; the first is the headline."""
         raise NotImplementedError
 
     def __str__(self) -> str:

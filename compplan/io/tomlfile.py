@@ -27,7 +27,7 @@ from compplan.io.tables import read_text
 
 
 class StrictTable(BaseModel):
-    """Base class of TOML tables: unknown keys are refused, values are not converted, instances are frozen."""
+    """Base class of TOML sections: unknown keys are refused, values are not converted, instances are frozen."""
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False, defer_build=True)
 
@@ -103,13 +103,13 @@ def _refuse_huge(value: Any, path: str | Path, keys: list[str | int]) -> None:
 
 
 def check_table(model: type[Model], data: Mapping[str, Any], *, file: str | Path | None = None, key: str = "") -> Model:
-    """Check a TOML table against a model.
+    """Check a TOML section against a model.
 
     Args:
         model: The model.
-        data: The table from `tomllib`.
-        file: File of the table, for messages.
-        key: Dotted key of the table in that file, for messages.
+        data: The section from `tomllib`.
+        file: File of the section, for messages.
+        key: Dotted key of the section in that file, for messages.
 
     Raises:
         InputError: With the dotted key, if a key is unknown, missing, or has a wrong value.
@@ -126,13 +126,13 @@ def check_table(model: type[Model], data: Mapping[str, Any], *, file: str | Path
 
 
 def read_named_table(path: str | Path, name: str) -> tuple[dict[str, Any], str]:
-    """Read a named table of a TOML file, such as a job, or the whole file if it has no such table.
+    """Read a named section of a TOML file, such as a job, or the whole file if it has no such section.
 
     Returns:
-        The table, and its key in the file, "" for the whole file.
+        The section, and its key in the file, "" for the whole file.
 
     Raises:
-        InputError: If the file is missing, not TOML or empty, or the name is not that of a table.
+        InputError: If the file is missing, not TOML or empty, or the name is not that of a section.
 
     """
     data = read_toml(path)
@@ -140,7 +140,7 @@ def read_named_table(path: str | Path, name: str) -> tuple[dict[str, Any], str]:
         raise InputError(f"is empty, expected the keys of [{name}]", file=path)
     table = data.get(name, data)
     if not isinstance(table, dict):
-        raise InputError(f"is {table!r}, expected a table", file=path, where=name)
+        raise InputError(f"is {table!r}, expected a section", file=path, where=name)
     return table, name if name in data else ""
 
 
@@ -204,7 +204,7 @@ def _say(details: ErrorDetails, holder: Any, where: str) -> str:
     if kind == "missing":
         return "missing number" if isinstance(details["loc"][-1], int) else "missing key"
     if kind == "model_type":
-        return f"is {given}, must be a table of keys; give one of them, such as {where}.KEY = VALUE"
+        return f"is {given}, must be a section of keys; give one of them, such as {where}.KEY = VALUE"
     if kind == "literal_error":
         return f"is {given}, choose from {context.get('expected')}"
     if kind == "value_error":

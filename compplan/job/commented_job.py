@@ -25,7 +25,7 @@ from compplan.toolpath.readers.options import CamTable
 from compplan.toolpath.reading import read_toolpath
 from compplan.toolpath.toolpath import Toolpath
 
-#: Tables of a short job and their keys; None: all active keys.
+#: Sections of a short job and their keys; None: all active keys.
 SHORT: dict[str, tuple[str, ...] | None] = {
     "toolpath": None, "part": None, "tool": None, "process": None, "plan": ("strategy", "tolerance_mm"),
     "output": ("programs",),
@@ -71,7 +71,7 @@ def describe_mount(robot: Robot, *, used: bool) -> dict[str, Any]:
 
     Args:
         robot: The robot of the folder.
-        used: Whether the table is active if the TCP of the folder is on the flange; otherwise it is a comment.
+        used: Whether the section is active if the TCP of the folder is on the flange; otherwise it is a comment.
     """
     tool, out = mounted_tool(robot), outward_axis(robot)
     pendant = locate_pendant(robot)

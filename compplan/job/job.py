@@ -1,6 +1,6 @@
 """The job: a TOML file with robot, toolpath, process and requirements.
 
-Each table of the file is a model here. Keys carry their units; properties are SI.
+Each section of the file is a model here. Keys carry their units; properties are SI.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ def _expand_auto(value: object) -> object:
     if value == "auto":
         return {}
     if isinstance(value, str):
-        raise ValueError(f'is {value!r}, must be \'auto\' or a table such as {{ shoulder = "front", elbow = "up" }}')
+        raise ValueError(f'is {value!r}, must be \'auto\' or words such as {{ shoulder = "front", elbow = "up" }}')
     return value
 
 
@@ -164,14 +164,14 @@ class CollisionTable(StrictTable):
 
 @dataclass(frozen=True)
 class JobContext:
-    """Data of a job in addition to its tables."""
+    """Data of a job in addition to its sections."""
 
     file: Path = Path()  #: The job file.
     own_robot: str | None = None  #: Robot of the job file if another one replaces it, or None.
     given: Toolpath | None = None  #: The toolpath in memory, part frame, or None.
     mounted: Robot | None = None  #: The robot in memory, or None.
     tools: tuple[NumberedTool, ...] = ()  #: [[tool]]: the numbered tools.
-    data: dict[str, Any] = field(default_factory=dict)  #: The tables of the file.
+    data: dict[str, Any] = field(default_factory=dict)  #: The sections of the file.
     label: str = ""  #: Short name of its operation in a CAM file of several tools.
     before: tuple[Job, ...] = ()  #: The jobs of earlier operations with described tools, in order.
     #: The force learned from parts; None: as in the robot folder.
@@ -213,7 +213,7 @@ class Job(StrictTable):
 
     @property
     def context(self) -> JobContext:
-        """Data of the job in addition to its tables."""
+        """Data of the job in addition to its sections."""
         return self._context
 
     def with_context(self, **changes: Any) -> Job:
@@ -256,7 +256,7 @@ class Job(StrictTable):
 
     @property
     def tool_x_base(self) -> Array:
-        """Direction of the TCP frame's x axis if the tool may not turn about its axis, base axes. Shape (3,)."""
+        """The TCP frame's x axis in base axes (key plan.tool_x), for a tool that may not turn about its axis. (3,)."""
         direction = self.T_base_part[:3, :3] @ np.asarray(self.plan.tool_x)
         return np.asarray(direction / np.linalg.norm(direction))
 
@@ -264,10 +264,10 @@ class Job(StrictTable):
 def check_job(
     data: dict[str, Any], file: str | Path = Path(), *, toolpath: Toolpath | None = None, robot: Robot | None = None
 ) -> Job:
-    """Check a job given as tables.
+    """Check a job given as sections.
 
     Args:
-        data: The tables from `tomllib`.
+        data: The sections from `tomllib`.
         file: Their file, for messages and relative paths.
         toolpath: A toolpath in memory in place of the file.
         robot: A robot in memory in place of the folder.
@@ -289,7 +289,7 @@ def check_job(
         kind = _choose(table, "toolpath.generator", GENERATORS, file)
         data["toolpath"] = check_table(GENERATORS[kind], table, file=file, key="toolpath")
     elif table is not None and not isinstance(table, str):
-        raise InputError(f"is {table!r}, must be a file name or a table with a generator", file=file, where="toolpath")
+        raise InputError(f"is {table!r}, must be a file or a section with a generator", file=file, where="toolpath")
     if isinstance(process, dict):
         model = _choose(process, "process.model", FORCE_MODELS, file)
         data["process"] = check_table(FORCE_MODELS[model].table, process, file=file, key="process")
@@ -303,7 +303,7 @@ def check_job(
 
 
 def _choose(table: dict[str, Any], where: str, names: Collection[str], file: str | Path) -> str:
-    """Return the name that a table gives for its kind, at a dotted key; refuse a missing or an unknown one."""
+    """Return the name that a section gives for its kind, at a dotted key; refuse a missing or an unknown one."""
     name = table.get(where.rpartition(".")[2])
     if not isinstance(name, str) or name not in names:
         fault = "missing key" if name is None else f"is {name!r}"
@@ -321,7 +321,7 @@ def _refuse_removed(data: dict[str, Any], file: str | Path) -> None:
 
 
 def _holds_key(table: Any, key: list[str]) -> bool:
-    """Return whether a table, or one of several, holds a dotted key; "process:drill" holds for this model alone."""
+    """Return whether a section, or one of several, holds a dotted key; "process:drill" holds for this model alone."""
     if isinstance(table, list):
         return any(_holds_key(entry, key) for entry in table)
     name, _, model = key[0].partition(":")
@@ -364,7 +364,7 @@ def load_job(path: str | Path, robot: str | None = None, changes: Sequence[str] 
 
 
 def _change_key(data: dict[str, Any], change: str) -> str:
-    """Set a key of a job's tables, "plan.tolerance_mm=0.05", and return its name; a bare word is text."""
+    """Set a key of a job's sections, "plan.tolerance_mm=0.05", and return its name; a bare word is text."""
     key, sign, text = (part.strip() for part in change.partition("="))
     *tables, last = key.split(".")
     if not sign or not all((*tables, last)):
@@ -379,7 +379,7 @@ def _change_key(data: dict[str, Any], change: str) -> str:
     for name in tables:
         table = table.setdefault(name, {})
         if not isinstance(table, dict):
-            raise InputError(f"{name!r} is not a table of the job", where=f"--set {key}")
+            raise InputError(f"{name!r} is not a section of the job", where=f"--set {key}")
     table[last] = value
     note_input(Path(f"--set {change}"), change.encode())
     return key

@@ -203,7 +203,7 @@ class ForcePrediction:
 
     @property
     def engagement(self) -> Engagement | None:
-        """Engagement of a cutter, or None."""
+        """Engagement of the cutter along the path; None if the force model uses none."""
         return None if self.law.cutting is None else self.law.cutting.engagement
 
     @property

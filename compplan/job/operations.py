@@ -14,12 +14,12 @@ from compplan.toolpath.reading import read_toolpath
 
 
 def split_job(job: Job) -> tuple[Job, ...]:
-    """Split a job into one job per operation of its CAM file, each with tool, mass and force law of its T number.
+    """Split a job at the tool changes of its CAM file; each part has tool, tool mass and force law of its T number.
 
-    Jobs without [[tool]] and [tools], or without a CAM file, are returned unchanged.
+    A job with neither [[tool]] nor [tools] is returned unchanged, as the only item.
 
     Raises:
-        InputError: If the job does not describe a tool that cuts.
+        InputError: If there is no CAM file, or it cuts with a tool that the job does not describe.
     """
     if not job.context.tools and job.tool_table is None:
         return (job,)

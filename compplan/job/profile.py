@@ -1,6 +1,6 @@
-"""Shop profile: defaults for the tables of the jobs of a shop.
+"""Shop profile: defaults for the sections of the jobs of a shop.
 
-A profile is a TOML file with tables of a job: robot and controller, unit and machine of the CAM system, home, work
+A profile is a TOML file with sections of a job: robot and controller, unit and machine of the CAM system, home, work
 offset, tool table. A job names it (`profile = "shop.toml"`), `compplan post` takes it (--profile).
 """
 
@@ -16,15 +16,15 @@ from compplan.io.tomlfile import read_toml
 
 #: Keys that a profile must not contain.
 OWN = ("name", "toolpath", "profile")
-#: Tables that are replaced as a whole.
+#: Sections that are replaced as a whole.
 WHOLE = frozenset({"part", "tool", "tools", "process"})
 
 
 def apply_profile(data: Mapping[str, Any], file: str | Path) -> dict[str, Any]:
-    """Merge a job's tables over those of its profile, if any.
+    """Merge a job's sections over those of its profile, if any.
 
     Args:
-        data: The tables of the job.
+        data: The sections of the job.
         file: The job file; the profile is relative to its folder.
 
     Raises:
@@ -74,7 +74,7 @@ def _merge(under: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _place_files(value: Any, folder: Path) -> Any:
-    """Return tables with absolute names of existing files and folders."""
+    """Return sections with absolute names of existing files and folders."""
     if isinstance(value, dict):
         return {key: _place_files(entry, folder) for key, entry in value.items()}
     if isinstance(value, list):

@@ -54,7 +54,7 @@ class ToolsTable(StrictTable):
 class Described:
     """Description of the tool of an operation."""
 
-    tool: dict[str, Any]  #: Its [tool] table, plain.
+    tool: dict[str, Any]  #: Its section [tool], plain.
     process: dict[str, Any]  #: Its keys of [process], plain.
     where: str  #: Key or file of the description, for messages.
     #: Cutter of a tool table in keys of [process], and its `kind`; empty without one.
@@ -68,11 +68,11 @@ def check_tools(entries: Sequence[Any], file: str | Path) -> tuple[NumberedTool,
         InputError: If there is none, one is invalid, or two have the same number.
     """
     if not entries:
-        raise InputError("is empty, expected a table for every tool", file=file, where="tool")
+        raise InputError("is empty, expected a section for every tool", file=file, where="tool")
     tools: list[NumberedTool] = []
     for k, entry in enumerate(entries):
         if not isinstance(entry, Mapping):
-            raise InputError(f"is {entry!r}, expected a table", file=file, where=f"tool[{k}]")
+            raise InputError(f"is {entry!r}, expected a section", file=file, where=f"tool[{k}]")
         tool = check_table(NumberedTool, entry, file=file, key=f"tool[{k}]")
         if (tool.number, tool.name) in [(other.number, other.name) for other in tools]:
             call = repr(tool.name) if tool.name else f"T{tool.number}"

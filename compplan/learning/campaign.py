@@ -57,6 +57,7 @@ class PoseCampaign:
     rest: tuple[tuple[str, float], ...]
     touching: NDArray[np.int_]  #: Indices into `poses` of the poses whose approaching joint move collides.
     log: int  #: Number of rows used from the partial log.
+    lacks_load: bool  #: Whether compliances, which poses without load do not determine, dominate the remaining band.
     notes: tuple[str, ...]  #: Notes for the user, one sentence each.
 
     @property
@@ -104,7 +105,7 @@ def design_campaign(
     if candidates.observations is not None:
         design, start = add_places(design, start, candidates.observations, candidates.tip, count)
     choice = choose_measurements(design, candidates, count, start)
-    notes += advise_load(design, equipment, choice.covariance, task.wrench[task.cut, :3])
+    notes += advise_pull(equipment, task.wrench[task.cut, :3])
     chosen = candidates.take(choice.rows)
     order, touching = order_poses(robot, chosen.q, chosen.start, chosen.wrench, plan.q[0], solids)
     again, after = np.r_[order, order[0]], known.with_covariance(choice.covariance)
@@ -119,6 +120,7 @@ def design_campaign(
         rest=lead_unknowns(design.path, after, split_covariance(design.path, after)),
         touching=touching,
         log=used,
+        lacks_load=not equipment.loaded and is_dominated_by_compliances(design, choice.covariance),
         notes=tuple(notes),
     )
 
@@ -144,24 +146,22 @@ def add_places(
     return design, wide
 
 
-def advise_load(design: Design, equipment: Equipment, covariance: Array, force: Array) -> list[str]:
-    """Return advice to add loads, if compliances dominate the remaining band or weights miss a sideways force. [N]"""
+def advise_pull(equipment: Equipment, force: Array) -> list[str]:
+    """Return advice to pull at the tool if the process has a sideways force and only weights are used. [N]"""
     aside, down = (float(np.linalg.norm(part, axis=1).max(initial=0.0)) for part in (force[:, :2], force[:, 2:]))
-    if equipment.loaded:
-        if equipment.pull > 0.0 or equipment.instrument == SOCKETS or aside <= down:
-            return []
-        return [
-            f"weights pull down only, but the process pushes sideways with up to {aside:.0f} N: pull the tool sideways"
-            f" at some poses (--pull-N {min(aside, 400.0):.0f}), otherwise the sideways deflection stays uncertain"
-        ]
-    rigid = [u.effect not in COMPLIANCES for u in design.known.unknowns for _ in u.keys]
-    left, rest = design.model_band(covariance), design.model_band(covariance * np.outer(rigid, rigid))
-    if rest**2 > 0.5 * left**2:
+    if not equipment.loaded or equipment.pull > 0.0 or equipment.instrument == SOCKETS or aside <= down:
         return []
     return [
-        "poses without load do not determine the compliances, the largest cause of the remaining band: hang weights"
-        " at the tool (--weights-kg 0,60) or pull it sideways (--pull-N 400)"
+        f"weights pull down only, but the process pushes sideways with up to {aside:.0f} N: pull the tool sideways"
+        f" at some poses (--pull-N {min(aside, 400.0):.0f}), otherwise the sideways deflection stays uncertain"
     ]
+
+
+def is_dominated_by_compliances(design: Design, covariance: Array) -> bool:
+    """Return whether compliances cause at least half of the variance of the remaining band."""
+    rigid = [u.effect not in COMPLIANCES for u in design.known.unknowns for _ in u.keys]
+    left, rest = design.model_band(covariance), design.model_band(covariance * np.outer(rigid, rigid))
+    return bool(rest**2 <= 0.5 * left**2)
 
 
 def learn_log(design: Design, robot: Robot, log: Campaign | None) -> tuple[Array, int, list[str]]:

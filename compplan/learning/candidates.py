@@ -49,8 +49,8 @@ STEPS, TIP_TOLERANCE, STEP = 15, 1e-9, 0.2
 #: Setup instruction of an instrument; {at} in the robot's base frame.
 SETUP = {
     SOCKETS: "socket {label} at ({at}) mm in the base frame; fix it until its poses are measured",
-    GAUGE: "dial gauge {label} at ({at}) mm in the base frame, its axis along ({along}) within 0.2 deg, so that the"
-           " reading grows in this direction; zero it once",
+    GAUGE: "dial gauge {label} where the tip touches it at ({at}) mm in the base frame, its axis along ({along}) within"
+           " 0.2 deg, so that the reading grows in this direction; zero it once, before the first pose",
 }  # fmt: skip
 #: Directions of dial gauges and plates, in turn for successive places.
 NORMALS = np.eye(3)[[2, 0, 1]]
@@ -178,7 +178,8 @@ def find_touching(
             met.append(found[high if scene is None else high & (measure_margin(scene, found, 0.0) >= 0.0)])
         return met
 
-    offered, chosen = _near(tip, middle), np.empty((0, 3))
+    away = np.linalg.norm(tip - middle, axis=1)
+    offered, chosen = tip[away <= np.median(away)], np.empty((0, 3))
     for number in range(places):
         most = 0
         while True:  # places that are unreachable or blocked are skipped
@@ -249,12 +250,6 @@ def list_fixtures(instrument: str, observations: Observations | None, tip: Array
         )  # fmt: skip
         fixtures.append(Fixture(label, place, instruction))
     return tuple(fixtures)
-
-
-def _near(tip: Array, middle: Array) -> Array:
-    """Return the half of the tips that is nearest to the centre of the path. Shape (k, 3) [m]."""
-    away = np.linalg.norm(tip - middle, axis=1)
-    return tip[away <= np.median(away)]
 
 
 def _choose_place(offered: Array, chosen: Array, middle: Array) -> int:

@@ -105,7 +105,8 @@ def match_points(
         raise table.error(
             f"{int(good.sum())} of {len(point)} points are of the cut; expected at least {FEWEST}, and half of all"
             f" within {FARTHEST * 1e3:g} mm of the path (median distance {float(np.median(distance)) * 1e3:.4g} mm)."
-            f" Are they of this part, in the {'base' if in_base else 'part'} frame (--frame), in mm, axes in its order?"
+            f" In the {'part frame? Add --frame part' if in_base else 'robot base? Add --frame base'}."
+            " Else: another part, not mm, or axes swapped?"
         )
     places = len(np.unique(np.round(length[good], 6)))
     if places < FEWEST:

@@ -91,7 +91,7 @@ class LearnedPart(Shown):
         return np.asarray(task.position + (0.0 if self.residual is None else self.residual.at(length)))
 
     def summary(self) -> list[tuple[str, str]]:
-        """Return the results of the update and the prediction for the next part."""
+        """Return pairs of name and text: results of the model update, and the deviation predicted for the next part."""
         model_update, name = self.model_update, self.job.name or self.job.file.stem
         rows = [
             ("measured", f"rms {format_length(model_update.rms)} at {len(self.measured)} points"),
@@ -225,7 +225,7 @@ def _list_notes(
     """Return the notes of an update: reason, transfer, points left out, and long moves."""
     if not model_update.taken:
         return (model_update.reason, *matched.notes)
-    whole = [f"{rigid}; it is learned as an error of the robot"] if rigid else []
+    whole = [f"{rigid}; it is learned as an error of the robot; if the set-up shifted, correct that"] if rigid else []
     longest = float(nominal.steps[~nominal.rapid[1:]].max(initial=0.0))
     coarse = f"moves longer than {LONG_MOVE * 1e3:g} mm are corrected at their ends only; sample them finer"
     return (

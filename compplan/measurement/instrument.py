@@ -113,8 +113,9 @@ def read_observations(table: Table, position: Array, instrument: InstrumentFile 
         direction=read_directions(table, kind == READING) @ turn.T,
         value=np.where(kind == DISTANCE, distance, np.where(kind == READING, reading, np.nan)),
     )  # fmt: skip
-    if (kind == CONTACT).any() and not (kind != CONTACT)[kind != POSITION].any() and not measured.any():
-        _check_repeated(table, contact)
+    contacts_alone = (kind == CONTACT).any() and not (kind != CONTACT)[kind != POSITION].any() and not measured.any()
+    if contacts_alone and np.bincount(contact[contact >= 0], minlength=1).max() < 2:
+        raise table.error("every contact has one row only, expected several poses at one place under one label")
     tied, sigma = [label for one in said.distance for label in one.between], said.instrument.sigma_mm
     observations, alone = _drop_undetermined(table, observations, tied, measured)
     notes += alone
@@ -160,12 +161,6 @@ def _check_rows(
     for message, rows in wrong.items():
         if rows.any():
             raise table.error(message, int(np.flatnonzero(rows)[0]))
-
-
-def _check_repeated(table: Table, contact: NDArray[np.int_]) -> None:
-    """Reject a log in which every contact has one row only: nothing can be compared."""
-    if np.bincount(contact[contact >= 0], minlength=1).max() < 2:
-        raise table.error("every contact has one row only, expected several poses at one place under one label")
 
 
 def _drop_undetermined(

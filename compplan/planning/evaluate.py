@@ -24,16 +24,16 @@ def find_part(task: PlanTask, cell: SimulatedRobot) -> SimulatedRobot:
 
 
 def evaluate_run(task: PlanTask, q: Array, cell: SimulatedRobot, bias: Array | None = None) -> Evaluation:
-    """Run a command (n, nq) on a simulated robot and compare the loaded tool with the nominal path.
+    """Run a command (n, nq) [rad or m] on a simulated robot and compare the TCP under load with the nominal path.
 
-    `bias` (n, s) [N m or N]: load of inertia on each elastic coordinate; default: that of the task.
+    `bias` (n, s) [N m or N]: inertial load on each of s elastic coordinates; default: that of the task.
     """
     more = task.bias if bias is None else bias
     return _compare(task, run_simulated_robot(find_part(task, cell), q, task.wrench, task.step_time, more))
 
 
 def evaluate_model(task: PlanTask, q: Array) -> Evaluation:
-    """Compare the loaded tool of a command (n, nq) in the planner's model with the nominal path."""
+    """Compare the TCP under load of a command (n, nq) [rad or m] in the planner's model with the nominal path."""
     if task.robot.effects:
         found = attain_rows(task, q, np.arange(len(q)), slope=False)
     else:

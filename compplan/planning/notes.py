@@ -68,13 +68,15 @@ def mark_slow(task: PlanTask, timing: Timing) -> NDArray[np.bool_]:
     return np.asarray(slow & adjacent)
 
 
-def find_least_feed(task: PlanTask, timing: Timing) -> tuple[float, float] | None:
-    """Return the least feed where limits reduce it, and the programmed one there; None if they do not. [m/s]"""
+def find_least_feed(task: PlanTask, timing: Timing) -> tuple[float, float, str] | None:
+    """Return the least feed where limits reduce it, the programmed one there [m/s], and why; None if they do not."""
     slow = np.flatnonzero(mark_slow(task, timing))
     if not len(slow):
         return None
     least = slow[timing.feed[slow].argmin()]
-    return float(timing.feed[least]), float(task.nominal.feed[least])
+    joint, limit = int(timing.limiting[least]), "velocity" if timing.by_velocity[least] else "acceleration"
+    cause = f"{limit} limit of {task.robot.joint_names[joint]}" if joint >= 0 else "corner, or to keep the run smooth"
+    return float(timing.feed[least]), float(task.nominal.feed[least]), cause
 
 
 def find_top_feed(task: PlanTask, timing: Timing) -> float | None:

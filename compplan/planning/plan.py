@@ -47,7 +47,7 @@ from compplan.uncertainty.touch_off import TouchOff, read_touch, touch_part
 
 @dataclass(frozen=True)
 class PlanOptions:
-    """Options of a plan, as in the tables [plan] and [limits] of a job."""
+    """Options of a plan, as in the sections [plan] and [limits] of a job."""
 
     strategy: str = "nlp"  #: none, mirror, iterated_mirror or nlp.
     spin_free: bool = True  #: Whether the tool may rotate about its axis.

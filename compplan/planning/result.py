@@ -33,8 +33,6 @@ from compplan.uncertainty.touch_off import read_touch, touch_part
 
 #: Most limits listed in a sentence.
 LISTED = 3
-#: Coordinates of the part below which they may be metres: so near to the base no arm reaches (assumed). [mm]
-MOST_METRES = 10.0
 
 
 @dataclass(frozen=True, repr=False)
@@ -157,12 +155,13 @@ class Plan(Shown):
         return check_tolerance(
             self.task, self.status, self.error_band, before=self.before.distance, left=self.after.distance,
             known=self.motion is not None, failures=self.command.failures, failure=self.explain_failures(),
-            corrected=self.strategy != "none", compensates=self.job is None or self.job.plan.inertia,
+            position_mm=() if self.job is None else self.job.part.position_mm, corrected=self.strategy != "none",
+            compensates=self.job is None or self.job.plan.inertia,
             traced=self.executed is not None and self.executed.known,
         )  # fmt: skip
 
     def explain_failures(self) -> str:
-        """Describe failed waypoints and their limits, or the checks that do not confirm the plan; "" if solved."""
+        """Describe failed waypoints and the limits they exceed, or the checks that failed; "" if solved."""
         failures, start = self.command.failures, self.task.start
         if not failures:
             return f"not confirmed: {'; '.join(self.breaches)}" if self.breaches else ""
@@ -171,17 +170,15 @@ class Plan(Shown):
         far = [k for k in rows if failures[k] != CORRECTION_LIMIT]
         if start is not None and start.cause and far:
             word, stops, rest, rows = "are out of reach", start.cause, len(rows) - len(far), far
-            place = np.abs((0.0,) if self.job is None else self.job.part.position_mm).max()
-            stops += " (is the position of the part in metres, not in mm?)" if 0.0 < place < MOST_METRES else ""
             stops += f"; {rest} others need more correction than plan.max_correction_mm" if rest else ""
         elif not far:
             most = 1e3 * self.task.max_correction
             word, stops = f"need more correction than plan.max_correction_mm = {most:g}", "raise it"
         return (f"{len(rows)} of {len(self.task)} waypoints {word}, the first is waypoint {rows[0]} "
-                f"(s = {1e3 * self.task.nominal.arc_length[rows[0]]:.0f} mm): {stops}")  # fmt: skip
+                f"({1e3 * self.task.nominal.arc_length[rows[0]]:.0f} mm along the path): {stops}")  # fmt: skip
 
     def summary(self) -> list[tuple[str, str]]:
-        """Return the main figures."""
+        """Return the main results as pairs of name and text with units; the first is the headline."""
         band, nominal = self.error_band, self.task.nominal
         sizes = [f"rms {format_length(e.rms_deviation)}, greatest {format_length(e.max_deviation)}"
                  for e in (self.before, self.after)]  # fmt: skip
@@ -203,7 +200,7 @@ class Plan(Shown):
         ]  # fmt: skip
 
     def columns(self) -> dict[str, Any]:
-        """Return a row per waypoint: place, time, joints, deviation before and after, 95 % band, predicted force."""
+        """Return columns, a row per waypoint, named with units: path in base frame, time, joints, deviations, force."""
         task, band = self.task, self.error_band
         columns: dict[str, Any] = {"s_mm": task.nominal.arc_length * 1e3, "time_s": self.timing.time}
         columns |= self.robot.joint_columns(self.q)

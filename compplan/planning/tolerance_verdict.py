@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -28,6 +28,8 @@ MEASURE = "Measure the robot: compplan campaign JOB --poses 12 --out poses."
 LET_COMPENSATE = "Let the plan compensate it: [plan] inertia = true."
 #: Cause and remedy of a program without correction.
 UNCORRECTED, CORRECT = 'the program is not corrected (plan.strategy = "none")', 'Correct it: plan.strategy = "nlp".'
+#: Coordinates of the part below which they may be metres: so near to the base no arm reaches (assumed). [mm]
+MOST_METRES = 10.0
 #: Causes that less force reduces.
 ELASTIC = (FORCE, "stiffness of the robot")
 #: Next step if a check disagrees with the plan or its files.
@@ -39,7 +41,7 @@ CHANGES = {
     FORCE: "Measure the process force and write its uncertainty into the job: [noise] wrench_level.",
     INERTIA: "Lower the feed.",
     "place of the part": "Measure where the part is: [noise] part_frame_mm, part_frame_deg.",
-    "repeatability": "Allow a wider tolerance, or take a robot that repeats better.",
+    "repeatability": "Allow more than {band}, or take a robot that repeats better.",
 }
 
 
@@ -67,8 +69,8 @@ class ToleranceVerdict:
 
 def check_tolerance(
     task: PlanTask, status: str, error_band: ErrorBand | None, *, before: Array, left: Array, known: bool,
-    failures: Mapping[int, str], failure: str = "", corrected: bool = True, compensates: bool = True,
-    traced: bool = False,
+    failures: Mapping[int, str], failure: str = "", position_mm: Sequence[float] = (),
+    corrected: bool = True, compensates: bool = True, traced: bool = False,
 ) -> ToleranceVerdict:  # fmt: skip
     """Check the 95 % band of a plan against the tolerance.
 
@@ -81,6 +83,7 @@ def check_tolerance(
         known: Whether masses and springs are known, so that the band includes inertia.
         failures: Failed waypoints and their limits.
         failure: Description of the failure.
+        position_mm: Position of the part; () for none.
         corrected: Whether the strategy corrects the program.
         compensates: Whether the job allows the plan to compensate the inertia of the motion.
         traced: Whether the drives were identified.
@@ -99,7 +102,7 @@ def check_tolerance(
         return state(NOT_KNOWN, sentence, missing, change, share)
 
     if status == "infeasible":
-        cause, change = explain_limits(failures, before)
+        cause, change = explain_limits(failures, before, position_mm)
         first = f" (the first is waypoint {min(failures)})" if failures else ""
         sentence = (f"Do not start: there is no solution. May not keep {wanted}: {len(failures)} waypoints are not "
                     f"reached within the limits{first}. Largest cause: {cause}. {change} {NO_BAND}.{inertia}"
@@ -113,8 +116,8 @@ def check_tolerance(
     if beyond.any():
         change = find_change(error_band, cause, compensates=compensates)
         worst = f"{1e3 * length[error_band.widest]:.4g} mm along the path"
-        off = (f"May not keep {wanted}: the tip may be up to {state_mm(error_band.whole)} off the path (95 %). Beyond "
-               f"the tolerance: {state_percent(share)} of the cut, worst at {worst}. Largest cause: {cause}."
+        off = (f"May not keep {wanted}: the tip may be up to {state_mm(error_band.whole)} off the path (95 %). Band "
+               f"above the tolerance on {state_percent(share)} of the cut, worst at {worst}. Largest cause: {cause}."
                )  # fmt: skip
         sentence = f"{off} {change}{'' if change == LET_COMPENSATE else inertia}"
         if status != "solved":
@@ -133,21 +136,21 @@ def check_tolerance(
     return state(KEEPS, sentence, cause, "", share)
 
 
-def explain_limits(failures: Mapping[int, str], before: Array) -> tuple[str, str]:
+def explain_limits(failures: Mapping[int, str], before: Array, position_mm: Sequence[float]) -> tuple[str, str]:
     """Return the limits that stop most waypoints, and the remedy. before: distance without correction, (n,) [m]"""
     first = (re.sub(r"^clearance [(](.*)[)]$", r"\1", text.split(", ")[0]) for text in failures.values())
-    limits = Counter(first).most_common(2)
+    listed = [f"{name} at {count} waypoints" for name, count in Counter(first).most_common(2)]
     beyond = [waypoint for waypoint, text in failures.items() if text == CORRECTION_LIMIT]
-    place, change = "compplan place JOB", list[str]()
-    if beyond:
-        most = 1e3 * float(before[beyond].max())
-        change.append(f"Raise plan.max_correction_mm above {most:.4g} ({len(beyond)} waypoints)")
-    if others := len(failures) - len(beyond):
-        change.append(
-            f"for the other {others}: {place}" if beyond else f"Move the part: {place} finds a place in reach"
-        )
-    listed = [f"{name} at {count} waypoints" for name, count in limits]
-    return ", ".join(listed) or "limits", f"{'; '.join(change)}."
+    others, limit = len(failures) - len(beyond), "plan.max_correction_mm above"
+    limit += f" {1e3 * float(before[beyond].max(initial=0.0)):.4g}"
+    change = f"Raise {limit} ({len(beyond)} waypoints)."
+    if others:
+        change = f"Run compplan place JOB ({others} waypoints); the other {len(beyond)} need {limit}."
+    if not beyond:
+        change = "Move the part: compplan place JOB finds a place in reach."
+    if 0.0 < max(map(abs, position_mm), default=0.0) < MOST_METRES:
+        change = f"Is part.position_mm = {list(position_mm)} in metres, not in mm? If it is right: compplan place JOB."
+    return ", ".join(listed) or "limits", change
 
 
 def find_cause(error_band: ErrorBand, left: Array, *, corrected: bool) -> str:
@@ -174,18 +177,18 @@ def find_change(error_band: ErrorBand, cause: str, *, compensates: bool = True) 
         best = min(rung.band for rung in error_band.ladder[1:])
         steps = join_names([SHORT[rung.step] for rung in error_band.ladder[1:]])
         # clearly more: corners and fit of the program use a share of the tolerance
-        allow = f"take {steps} (band {state_mm(best)}) and a tolerance above it"
-        return (
-            f"Reduce the force, or {allow}." if cause in ELASTIC else f"{allow.capitalize()}; less force helps little."
-        )
-    return LET_COMPENSATE if cause == INERTIA and not compensates else CHANGES.get(cause, MEASURE)
+        allow = f"allow more than {state_mm(best)}, the band after {steps}"
+        return f"Reduce the force, or {allow}." if cause in ELASTIC else f"A{allow[1:]}; less force helps little."
+    if cause == INERTIA and not compensates:
+        return LET_COMPENSATE
+    return CHANGES.get(cause, MEASURE).format(band=state_mm(error_band.whole))
 
 
 def describe_basis(error_band: ErrorBand) -> str:
     """State whether robot and force are measured or assumed."""
     robot = "measured" if error_band.known.grade == "measured" else "assumed, not measured"
     if not np.any(error_band.parts["force"]):
-        return f"robot {robot}; no cutting force ([process] adds it)"
+        return f"robot {robot}; cutting force left out ([process] adds it)"
     if "assumed" not in error_band.force.source:
         return f"robot {robot}; force as the job states it"
     return "robot measured; force assumed" if robot == "measured" else f"robot and force {robot}"

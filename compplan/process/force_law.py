@@ -173,7 +173,7 @@ def _no_force_error(source: str) -> InputError:
     table = source.lower().endswith(".csv")
     known = "missing column fx_N" if table else "no force is given along this path"
     message = (
-        f"{known}, expected columns fx_N fy_N fz_N in a CSV, or a table [process] with another model in the job; "
+        f"{known}, expected columns fx_N fy_N fz_N in a CSV, or a section [process] with another model in the job; "
         f"compplan init NEW.toml --toolpath {Path(source).name or 'PATH'} writes a job with one, and "
         'process = { model = "columns", required = false } plans without a force'
     )

@@ -156,10 +156,13 @@ def describe_campaign(campaign: PoseCampaign) -> str:
     choice, every = campaign.choice, len(campaign.choice.rows)
     useful = every if choice.enough is None else choice.enough
     change = format_mm_change(float(choice.greatest[0]), float(choice.greatest[useful]))
-    head = f"{useful} of {every} poses are enough" if useful < every else f"All {every} poses are worth measuring"
+    head = f"{useful} of {every} poses give nearly all the gain" if useful < every else f"All {every} poses are needed"
+    if campaign.lacks_load:
+        head = f"Without load the {every} poses do not determine the compliances, the largest cause"
     text = f"{head}: at the worst point of the path the 95 % band narrows {change}."
     if useful == 0:
-        text = "No further pose is worth measuring: none narrows the 95 % band of this path."
+        loads = " without load" if campaign.lacks_load else ""
+        text = f"No further pose{loads} is worth measuring: none narrows the 95 % band of this path."
     return f"{text} The {campaign.log} measured rows of --log are included." if campaign.log else text
 
 
@@ -219,9 +222,12 @@ def open_campaign(campaign: PoseCampaign) -> Summary:
     if campaign.equipment.instrument != "tracker":
         frames = f" --instrument OUT/instrument.toml{frames}"
     robot = "ROBOT" if campaign.plan.job is None else campaign.plan.job.robot
-    todo = "Measure the poses in the order of campaign.csv and fill in their readings there, then run: compplan"
+    some = f"the poses of rank 1 to {useful} (or all)" if 0 < useful < len(choice.rows) else "the poses"
+    todo = f"Measure {some} in the order of campaign.csv and fill in their readings there, then run: compplan"
     todo += f" diagnose OUT/campaign.csv --robot {robot}{frames} --out updated"
-    if useful == 0:
+    if campaign.lacks_load:
+        todo = f"Run it again with --weights-kg 0,60 or --pull-N 400. Or {todo[:1].lower()}{todo[1:]}"
+    elif useful == 0:
         todo = "Load the tool at the poses (--weights-kg, --pull-N), or cut and measure a part, then run: compplan"
         todo += f" learn JOB MEASURED.csv --robot {robot}"
     poses = ", ".join(str(k + 1) for k in campaign.touching)

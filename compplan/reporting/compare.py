@@ -110,9 +110,11 @@ def open_comparison(comparison: Comparison) -> Summary:
         verdict = f"A correction brings nothing here: {format_mm(left[best])} rms {where}, with and without it."
     else:
         others = [name_strategy(name) for name in equals if name != best]
-        verb = "leaves" if len(others) == 1 else "leave"
-        alike = f"; {join_names(others)} {verb} as little" if others else ""
-        verdict = f"Plan with the strategy {name_strategy(best)}{alike}."
+        alike = f"; {join_names(others)} {'is' if len(others) == 1 else 'are'} as good" if others else ""
+        verdict = f"Without extra sensors: plan with the strategy {name_strategy(best)}{alike}."
+        least = min(found, key=lambda name: found[name][0])
+        if found[least][0] < (1.0 - SAME) * left[best]:
+            verdict += f" Best of all: {name_strategy(least)}."
     stays = f"greatest deviation with it{'' if drawn is None else ' on 95 % of robots like yours'}"
     figures: list[tuple[str, ...]] = [
         (format_mm(left[best]), f"rms deviation with it, {where}"),
@@ -120,9 +122,9 @@ def open_comparison(comparison: Comparison) -> Summary:
     ]
     if "none" in left:
         figures.append((format_mm(left["none"]), "rms deviation without correction"))
-    todo = f'Plan with it: compplan plan JOB, where the job says strategy = "{best}".'
+    todo = f'Plan with it: compplan plan JOB, where the job has strategy = "{best}"'
     if not within:
-        todo = f"{MEASURE} Its uncertainty matters more than the strategy."
+        todo = f"The robot's uncertainty matters more than the strategy. {MEASURE}"
     names = [f"{name_strategy(name)}: {format_mm(median)}" for name, (median, _) in found.items()]
     high = [1e3 * max(median, most) for median, most in found.values()]
     series = {"": Bars([1e3 * median for median, _ in found.values()], colour_strategies(found, best), None, high)}

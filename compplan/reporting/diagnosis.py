@@ -17,6 +17,7 @@ from compplan.diagnosis.data.conventions import name_convention
 from compplan.diagnosis.results.assessment import Assessment, Correction, Pose, assess_diagnosis
 from compplan.diagnosis.results.next_measurement import propose_measurements
 from compplan.diagnosis.results.shares import CALIBRATION, Share
+from compplan.diagnosis.results.verdict import FLOORS_LEFT
 from compplan.diagnosis.results.where import Split, split_diagnosis
 from compplan.diagnosis.self_test import SelfTest
 from compplan.errors import InputError
@@ -145,7 +146,7 @@ def render_diagnosis(
         notes.append(f"The joints of the log are counted as a {convention} counts them.")
     caption = "Share of the error by place. Lines: 95 % intervals; where one is long, another place explains it as well"
     picture = Chart(draw_gap_shares(split.shares.by_place, "place"), f"{caption}.", 330)
-    todo = words.describe_next(verdict, kind, words.list_poses(table, "below"))
+    todo = words.describe_next(table, kind, "below")
     name = "measurements in memory"
     if campaign.file is not None:
         name = ", ".join(filter(None, (campaign.file.stem, campaign.file.resolve().parent.name)))
@@ -178,21 +179,25 @@ def open_diagnosis(
         "calibrated": ("The robot is not calibrated: the gap comes from many small errors, none dominates.", "good"),
         "explained": (f"Found: {first}.", "good"),
     }
-    if any(effect.get("ambiguous_with") for effect in effects):
-        verdicts["explained"] = (f"Found, but another effect fits as well: {first}.", "unsure")
+    rivals = [len(effect.get("ambiguous_with", [])) for effect in effects]
+    after, before, floor = map(gap.get, ("held_out_after_rms_mm", "held_out_before_rms_mm", "noise_floor_mm"))
+    if any(rivals):
+        fit = "other effects fit" if sum(rivals) > 1 else "another effect fits"
+        verdicts["explained"] = (f"Found, but {fit} as well: {first}.", "unsure")
+    elif after and floor and after > FLOORS_LEFT * floor:
+        verdicts["explained"] = (f"Found, but more than the noise remains: {first}.", "unsure")
     left = "The rest matches no known effect, but the calibrated model reduces it to the noise." if taken_up else (
         "A part of the gap is not explained.")  # fmt: skip
     if small > 0.5:
         left = f"Most of the gap comes from many small errors, as of an uncalibrated robot. {left}"
     verdict, tone = verdicts.get(status, (f"Found: {first}. {left}", "unsure"))
     figures: list[tuple[str, ...]] = []
-    after, before = gap.get("held_out_after_rms_mm"), gap.get("held_out_before_rms_mm")
     if before is not None and after is not None:
         figures = [
             (format_mm(1e-3 * before), "rms error of the robot model before, at poses not used for the fit"),
             (format_mm(1e-3 * after), "the same of the updated model", "good" if after < 0.5 * before else ""),
         ]  # fmt: skip
-    if floor := gap.get("noise_floor_mm"):
+    if floor:
         figures.append((format_mm(1e-3 * floor), "measurement noise"))
     return Summary(verdict, tone, figures, picture, todo)
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from compplan.diagnosis.results.verdict import CALIBRATED, FLOORS_LEFT
 from compplan.diagnosis.validation.unmodelled import describe_unmodelled
 from compplan.effects import EFFECTS
-from compplan.io.quantities import format_length, format_number, join_names
+from compplan.io.quantities import format_length, format_mm, format_number
 
 if TYPE_CHECKING:
     from compplan.diagnosis.results.result import Diagnosis
@@ -76,7 +76,7 @@ def list_effects(effects: Sequence[Mapping[str, Any]]) -> list[str]:
         rivals = "; ".join(name_effect(rival) for rival in effect.get("ambiguous_with", [])[:3])
         lines.append(
             f"{place}: probability {effect['probability']:.2f}, moves the tip by "
-            f"{format_length(1e-3 * effect['explained_rms_mm'])} (rms); {size}"
+            f"{format_mm(1e-3 * effect['explained_rms_mm'])} (rms); {size}"
             + (f"; causes that fit as well: {rivals}" if rivals else "")
         )
     return lines
@@ -94,24 +94,20 @@ def reaches_noise(gap: Mapping[str, float | None], delivered: str) -> bool:
     return bool(delivered == "calibrated" and after and floor and after <= FLOORS_LEFT * floor)
 
 
-def describe_next(verdict: Mapping[str, Any], delivered: str, poses: str) -> str:
-    """Describe the next step; `delivered`: kind of the robot folder; `poses`: poses to measure (`list_poses`)."""
-    doubtful = [effect for effect in verdict["effects"] if effect.get("ambiguous_with")]
-    todo, more = "Plan with the updated robot: compplan plan JOB --robot OUT/robot.", f"Measure more poses, {poses}"
-    if doubtful:
-        rivals = join_names([name_effect(rival) for rival in doubtful[0]["ambiguous_with"][:2]])
+def describe_next(table: Mapping[str, Any], delivered: str, where: str) -> str:
+    """Describe the next step of diagnosis.json; `delivered`: kind of the robot folder; `where` its poses are listed."""
+    verdict, listed = table["verdict"], any(step.get("poses") for step in table["next_measurement"])
+    more = f"Measure more poses, {f'as listed {where}' if listed else 'other ones than in this log'}"
+    todo = "Plan with the updated robot: compplan plan JOB --robot OUT/robot"
+    if any(effect.get("ambiguous_with") for effect in verdict["effects"]):
         later = f" Until then: {todo[:1].lower()}{todo[1:]}" if delivered != "nominal" else ""
-        return f"{more}, to distinguish {name_effect(doubtful[0])} from {rivals}, which fit as well.{later}"
+        return f"{more}: they separate the causes that fit as well.{later}"
+    if any(effect["effect"] == "wrench_bias" for effect in verdict["effects"]):
+        todo = f"Zero the force sensor before the next log. {todo}"
     if verdict["status"] == "none":
         return "Nothing to do now. Measure again after the next collision or service."
     same = "The robot model is delivered unchanged: no update predicts poses outside the fit better"
     return f"{same}. {more}." if delivered == "nominal" else todo
-
-
-def list_poses(table: Mapping[str, Any], where: str) -> str:
-    """Return a phrase for the next poses to measure: those of diagnosis.json, listed at `where`, or others."""
-    listed = any(step.get("poses") for step in table["next_measurement"])
-    return f"as listed {where}" if listed else "other ones than in this log"
 
 
 def describe_self_test(tested: Mapping[str, Any]) -> list[str]:

@@ -91,7 +91,7 @@ def write_forces(found: ForcePrediction, folder: Path) -> dict[str, Any]:
 
 
 def write_coefficients(found: ForcePrediction, file: Path) -> None:
-    """Write the fitted coefficients as the table [process.coefficients] of a later job."""
+    """Write the fitted coefficients as the section [process.coefficients] of a later job."""
     fitted = None if found.fit is None else found.fit.coefficients
     if fitted is None:
         message = f"process.model is {found.job.process.model!r}, --write is for models with cutting coefficients"
@@ -106,7 +106,7 @@ def write_coefficients(found: ForcePrediction, file: Path) -> None:
     except ValidationError as error:
         why = error.errors()[0]["msg"].removeprefix("Value error, ")
         raise InputError(f"the fitted coefficients do not fit a job: {why}", file=file) from None
-    text = (f"# {fitted.source}. Copy this table into a later job, in place of [process] material.\n"
+    text = (f"# {fitted.source}. Copy this section into a later job, in place of [process] material.\n"
             "# uncertainty is that of the force along the cut that was logged, one standard deviation; another tool,\n"
             "# wear, another cut add to it.\n" + tomli_w.dumps({"process": {"coefficients": table}}))  # fmt: skip
     write_text(file, text)

@@ -175,7 +175,7 @@ def open_update(update: LearnedPart) -> Summary:
          "rms deviation of this part: as measured, and with the correction on stretches left out of its fit",
          "good" if checked else ""),
         (format_mm(model_update.expected),
-         "rms deviation expected of the next part (all directions; the force varies from part to part)"),
+         "rms deviation expected of the next part (also in directions not measured; with another force)"),
         (format_mm(float(model_update.band_after.max())), "95 % band of the next part, at the worst point of the path"),
     ]  # fmt: skip
     todo = "Cut the next part with the new program, measure it, then run: compplan learn JOB MEASURED --robot OUT/robot"

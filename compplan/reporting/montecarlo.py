@@ -81,13 +81,14 @@ def open_study(result: JobStudy) -> Summary:
     best = _find_best(result)
     entry, share = figures[best], float(figures[best]["within_tolerance"])
     tone = "good" if share >= 0.95 else "unsure" if share >= 0.5 else "bad"
-    none = f" (uncorrected {format_percent(figures['none']['within_tolerance'])})" if "none" in figures else ""
-    verdict = (f"{format_percent(share)} of {result.summary['samples']} simulated parts keep "
+    count = result.summary["samples"]
+    parts = {name: round(count * figures[name]["within_tolerance"]) for name in (best, *({"none"} & set(figures)))}
+    none = f" (uncorrected {parts['none']})" if "none" in figures else ""
+    verdict = (f"{parts[best]} of {count} simulated parts {'keeps' if parts[best] == 1 else 'keep'} "
                f"{format_set_length(tolerance)} with the best strategy, {name_strategy(best)}{none}.")  # fmt: skip
     numbers = [
-        (format_percent(share), "of the parts within the tolerance over the whole path", tone),
         (format_mm(1e-3 * entry["rms_mm"]["mean"]), "rms deviation with that strategy, mean of all parts"),
-        (format_mm(1e-3 * entry["max_mm"]["p95"]), "greatest deviation with it on 95 % of the parts"),
+        (format_mm(1e-3 * entry["max_mm"]["p95"]), "greatest deviation with it on 95 % of the parts", tone),
     ]
     todo = "More samples narrow the intervals: --samples."
     if result.sensitivity is not None:

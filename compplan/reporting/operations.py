@@ -161,7 +161,7 @@ def _join_joints(files: Sequence[Path], labels: Sequence[str], whole: Path) -> N
 def describe_order(summary: dict[str, Any], files: Sequence[Path]) -> str:
     """Describe the order of the programs, and the main programs among the files that call them."""
     labels = [entry["label"] for entry in summary["tools"]]
-    order = f"run the programs of {', then those of '.join(labels)} (file names end in the tool), each with its change"
+    order = f"run the programs of {', then those of '.join(labels)}; each begins with its tool change (program or stop)"
     mains = [file.name for file in files if WHOLE.search(file.stem)]
     return f"{order}; {' and '.join(mains)} {'calls' if len(mains) == 1 else 'call'} them in order" if mains else order
 
@@ -197,13 +197,14 @@ def open_operations(summary: Mapping[str, Any]) -> Summary:
     tools, verdict = summary["tools"], summary["verdict"]
     bands = [tool["verdict"]["band_mm"] for tool in tools]
     change = format_mm_change(*(1e-3 * summary[key]["max"] for key in ("error_before_mm", "error_after_mm")))
-    words = {"keeps": "All operations keep", "may_not_keep": "Some operations may not keep",
+    failing = sum(tool["verdict"]["word"] == "may_not_keep" for tool in tools)
+    words = {"keeps": "All operations keep", "may_not_keep": f"{failing} of {len(tools)} operations may not keep",
              "not_known": "It is not known whether all operations keep"}[verdict["word"]]  # fmt: skip
     band, tone = "not known" if None in bands else format_mm(1e-3 * max(bands)), TONES[verdict["word"]]
     figures = [
         (band, "95 % band, the widest of all operations", tone),
         (change, "greatest deviation without and with correction, if the robot is as modelled"),
-        (f"{summary['duration_s']:.0f}\u00a0s", f"for {len(tools)} operations, without the tool changes"),
+        (f"{summary['duration_s']:.0f}\u00a0s", f"run time of {len(tools)} operations, without the tool changes"),
     ]
     series = {"without correction": Bars([tool["error_before_mm"]["max"] for tool in tools], BEFORE),
               "95 % band": Bars(bands, BAND)}  # fmt: skip

@@ -128,7 +128,7 @@ class Summary:
         figures = [f"  {figure[0]:<{width}}  {figure[1]}" for figure in self.figures]
         stops = [f"before the machine moves: {stop}" for stop in self.stops]
         step = self.next.replace("OUT/", f"{folder}/")
-        next_step = [f"next: {step[:1].lower()}{step[1:]}"] if step else []
+        next_step = [f"next: {step[:1].lower()}{step[1:].rstrip('.')}"] if step else []
         return [self.verdict, *figures, *stops, *notes, format_files(folder, files), *next_step]
 
 

@@ -56,7 +56,7 @@ def open_plan(plan: Plan, folder: Path | None = None) -> Summary:
         (format_mm_change(plan.before.max_deviation, plan.after.max_deviation),
          "greatest deviation without and with correction, if the robot is as modelled"),
         (f"{format_number(float(plan.timing.time[-1]))}\u00a0s",
-         f"for {format_length(plan.task.nominal.cutting_length)} of cut"),
+         f"run time of {format_length(plan.task.nominal.cutting_length)} of cut"),
     ]  # fmt: skip
     if verdict.beyond_share:
         figures[2] = (format_percent(verdict.beyond_share), "of the cut may be beyond the tolerance", "bad")
@@ -225,7 +225,7 @@ def format_plan(plan: Plan, folder: Path, files: Sequence[Path]) -> list[str]:
     step = _name_job(plan, plan.verdict.change or FIRST_RUN)
     cause = f"largest cause: {plan.verdict.largest_cause}"
     if plan.status != "infeasible" and (low := find_least_feed(plan.task, plan.timing)):
-        cause += f"; feed lowered from {1e3 * low[1]:.3g} to {1e3 * low[0]:.3g} mm/s in places"
+        cause += f"; feed lowered from {1e3 * low[1]:.3g} to {1e3 * low[0]:.3g} mm/s in places ({low[2]})"
     lines = [_format_verdict(plan), _format_band(plan), cause, _format_basis(plan)]
     step = f"next: {step[0].lower()}{step[1:].rstrip('.')}"
     wrote = format_files(folder, files, count_notes(plan.notes), plan.status)
@@ -240,7 +240,7 @@ def _format_band(plan: Plan) -> str:
         kept = plan.task.cut.copy()
         kept[list(plan.command.failures)] = False
         most = format_mm(float(plan.after.distance[kept].max(initial=0.0)))
-        where = f"; where all limits hold, the planned tip is up to {most} off" if kept.any() else ""
+        where = f"; where all limits hold, the greatest planned deviation is {most}" if kept.any() else ""
         return f"no 95 % band: the plan is not complete{where}"
     sizes = [] if band.before is None else [f"{format_mm(band.before[1])} uncorrected"]
     sizes += [f"{format_mm(band.whole)} corrected"] if plan.strategy != "none" else []
@@ -255,7 +255,7 @@ def _format_basis(plan: Plan) -> str:
     if not plan.job.part.touched_off:
         return f"{basis}; part frame absolute in the robot base"
     touch = f"{basis}; touch off the part with this robot and tool"
-    other = f"{touch} (else [part] touched_off = false)"
+    other = f"{touch} (if not: part.touched_off = false)"
     return other if len(other) <= WIDTH else touch
 
 
@@ -276,8 +276,9 @@ def _format_verdict(plan: Plan) -> str:
         return f"Do not start: no solution. Waypoints out of reach or beyond a limit: {len(plan.command.failures)}."
     if plan.status == "not_confirmed":
         return "Do not start: the independent check does not confirm the plan, see below."
-    if verdict.word == NOT_KNOWN or verdict.band is None:
+    if verdict.word == NOT_KNOWN or plan.error_band is None:
         return f"Not known whether it keeps {tolerance}."
     if verdict.word == KEEPS:
         return f"Keeps {tolerance}: the tip stays within {_show_band(plan)} of the path along the whole cut (95 %)."
-    return f"May not keep {tolerance}: the tip may be up to {_show_band(plan)} off the path (95 %)."
+    worst = f"worst at {1e3 * plan.task.nominal.arc_length[plan.error_band.widest]:.4g} mm along it"
+    return f"May not keep {tolerance}: the tip may be up to {_show_band(plan)} off the path (95 %), {worst}."

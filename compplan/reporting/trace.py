@@ -28,7 +28,7 @@ from compplan.reporting.writers.robot_folder import deliver_robot_folder
 from compplan.robot import Array, Robot
 from compplan.statics.ik import build_arm
 
-#: Pattern of the table [motion] of a controller.toml up to the next table, with the comments directly above it.
+#: Pattern of the section [motion] of a controller.toml up to the next one, with the comments directly above it.
 MOTION = re.compile(r"(?:^#[^\n]*\n)*^\[motion\][^\n]*\n(?:(?!\[)[^\n]*\n?)*", re.MULTILINE)
 #: Percentile of the distance up to which rows are attributed to causes; farther rows may be misplaced. [%]
 WITHIN = 95.0
@@ -132,7 +132,7 @@ def write_trace(traced: Traced, folder: Path) -> dict[str, Any]:
 
 
 def _write_motion(motion: ServoMotion, robot: Robot, file: Path) -> None:
-    """Write the table [motion] of a controller.toml; the other tables are unchanged."""
+    """Write the section [motion] of a controller.toml; the other sections are unchanged."""
     if file.is_file():
         text = MOTION.sub("", file.read_text(encoding="utf-8")).rstrip("\n")
     else:

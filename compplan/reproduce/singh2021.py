@@ -49,7 +49,10 @@ def reproduce(load: Callable[[str], Robot]) -> Reproduction:
     pose = _flange_to_tool0(bare) @ tool
     robot = replace(bare.with_tool(pose), name="fanuc_m10ia with a tool")
     arm = build_arm(robot)
-    reached = {height: count_reached(arm, height) for height in PEDESTALS}
+    reached = {  # points of each radius that are reached with the tool down and the base on a pedestal
+        height: [int(np.isfinite(_down(arm, cloud(radius) - [0, 0, height])).all(axis=1).sum()) for radius in RADII]
+        for height in PEDESTALS
+    }
     points = [examine_point(arm, radius) for radius in RADII]
     rows = [*_rows_of_cloud(reached), *_rows_of_growth(points), *_rows_of_improvement(points, robot), *_rows_of_table()]
     best = np.mean([1 - p.around["lateral"].min() / p.down["lateral"] for p in points if p.down])
@@ -71,11 +74,6 @@ def cloud(radius: float) -> Array:
     """Compute the 25 points of a radius: five angles of 30 deg, five heights of 200 mm. Shape (25, 3). [m]"""
     angle, height = np.meshgrid(np.arange(-2, 3) * np.pi / 6, MIDDLE_HEIGHT + np.arange(-2, 3) * STEP)
     return np.column_stack([radius * np.cos(angle).ravel(), radius * np.sin(angle).ravel(), height.ravel()])
-
-
-def count_reached(arm: Arm, pedestal: float) -> list[int]:
-    """Count the points of each radius that are reached with the tool down and the base on a pedestal."""
-    return [int(np.isfinite(_down(arm, cloud(radius) - [0, 0, pedestal])).all(axis=1).sum()) for radius in RADII]
 
 
 def examine_point(arm: Arm, radius: float) -> CloudPoint:

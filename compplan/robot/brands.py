@@ -26,7 +26,7 @@ DIRECTIONS = {"x": (1, 0, 0), "-x": (-1, 0, 0), "y": (0, 1, 0), "-y": (0, -1, 0)
 
 @dataclass(frozen=True)
 class Brand:
-    """The convention of a maker, a table of makers.toml."""
+    """The convention of a maker, a section of makers.toml."""
 
     joint_names: Sequence[str]  #: Names of the joints on the display.
     #: Direction of each axis in the zero posture; None if the controller has the joint positions of the URDF.
@@ -59,7 +59,7 @@ class ControllerProposal:
     Attributes:
         joint_names, sign, zero_deg, coupling: Keys of controller.toml.
         world_mm: Origin of the controller's world frame in the base frame; None: the base. [mm]
-        words: Lines of each table [configuration.*].
+        words: Lines of each section [configuration.*].
         pendant: x and z of the maker's flange frame in axes of the URDF's flange; None if unknown.
         missing: Items that were not derived, with reasons.
     """

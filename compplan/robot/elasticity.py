@@ -1,4 +1,4 @@
-"""elasticity.toml: tables, and checks against the URDF and plausible ranges."""
+"""elasticity.toml: sections, and checks against the URDF and plausible ranges."""
 
 from __future__ import annotations
 

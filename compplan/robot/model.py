@@ -126,7 +126,7 @@ class Robot(Shown):
     sources: Mapping[str, str] = field(default_factory=dict)  #: Sources of the numbers.
     grade: str = "placeholder"  #: Grade of the compliances: identified, literature, scaled or placeholder.
     folder: Path | None = None  #: Source folder, or None.
-    #: Tables of effects.toml, one mapping per effect (see `compplan.effects`).
+    #: Entries of effects.toml, one mapping per effect (see `compplan.effects`).
     effects: tuple[Mapping[str, Any], ...] = ()
     #: Masses whose weight acts in a model without gravity load: that of the mounted tool and, negative, that of the
     #: tool at the identification of the springs.

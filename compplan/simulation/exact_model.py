@@ -35,7 +35,7 @@ def read_exact_robot(
 
     Args:
         folder: The robot folder.
-        tool: The table [tool] of a job as in the file, or None for the tool of the folder.
+        tool: The section [tool] of a job as in the file, or None for the tool of the folder.
         moving: Whether the model is for the inertia of motion: all masses, no weight, frame of the ground.
         geometry: URDF file of the folder; robot.urdf if it does not exist.
     """

@@ -1,7 +1,7 @@
 """Generated toolpaths: circle, planar spiral and the frustum cone of incremental sheet forming (ISF).
 
 All are in the part frame, around its origin; the upper rim of the cone is at z = 0.
-Each is a table of a job; a new one is a table with `generate` and one line of `GENERATORS`.
+Each is a section of a job; a new one is a model with `generate` and one line of `GENERATORS`.
 """
 
 from __future__ import annotations

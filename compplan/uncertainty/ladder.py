@@ -52,7 +52,7 @@ COSTS = {
     "first_part": (90.0, "coordinate measuring machine"),
 }
 #: Short name and command of each measurement.
-SHORT = {"touch_off": "touch-off", "force_log": "force log", "poses": "12 poses", "first_part": "a first part"}
+SHORT = {"touch_off": "touch-off", "force_log": "force log", "poses": "12 measured poses", "first_part": "first part"}
 DO = {
     "touch_off": "touch the part off ([part] touched_off = true)",
     "force_log": "log the force of a cut (compplan forces JOB --log LOG)",

@@ -133,7 +133,7 @@ def test_a_path_without_names_of_columns_or_without_a_robot_is_refused_in_a_sent
         cp.plan(circle(), robot="ur10")
     with pytest.raises(InputError, match="a path needs a robot"):
         cp.plan({"position_mm": circle(), "feed_mm_s": 20.0})
-    with pytest.raises(InputError, match="no table named 'tolerance_mm' in a job"):
+    with pytest.raises(InputError, match="no section named 'tolerance_mm' in a job"):
         cp.plan(JOB, tolerance_mm=0.1)
     with pytest.raises(InputError, match=r"has shape \(120, 2\), expected \(n, 3\)"):
         cp.read_toolpath({"position_mm": circle()[:, :2], "feed_mm_s": 20.0})

@@ -94,7 +94,7 @@ def test_the_command_prints_json_and_refuses_what_it_cannot_read(tmp_path, monke
     done = run_command(["doctor", "staubli_tx200", "--json"], monkeypatch, capsys)
     assert done.status == 0
     states = {finding["state"] for finding in json.loads(done.out)["findings"]}
-    assert states <= {"fine", "note", "odd"}
+    assert states <= {"fine", "note", "odd", "do"}
     for target in (tmp_path / "none.csv", "no_such_robot"):
         done = run_command(["doctor", target], monkeypatch, capsys)
         assert done.status == 2 and done.err.startswith("error: ") and done.err.count("\n") == 1

@@ -29,8 +29,9 @@ def test_a_plan_prints_six_lines_and_ends_with_the_next_step(
     given = str(shutil.copy(PATHS / f"{job}.toml", "jobs"))
     answer = run_command(["plan", given, "--out", "out"], monkeypatch, capsys)
     lines = answer.out.splitlines()
-    raised = r"next: raise plan.max_correction_mm above [\d.]+ \(\d+ waypoints\)"
-    assert job != "limits_reach" or re.fullmatch(rf"{raised}; for the other \d+: compplan place {given}", lines[-1])
+    raised = r"the other \d+ need plan.max_correction_mm above [\d.]+"
+    move = rf"next: run compplan place {given} \(\d+ waypoints\)"
+    assert job != "limits_reach" or re.fullmatch(f"{move}; {raised}", lines[-1])
     stops = json.loads(Path("out/plan.json").read_text(encoding="utf-8"))["stops"]
     settle = [line.removeprefix(SETTLE) for line in lines if line.startswith(SETTLE)]
     others = [line for line in lines if not line.startswith(SETTLE)]
@@ -90,11 +91,11 @@ def test_a_key_or_value_that_no_job_has_is_refused_by_every_command_in_a_line(
     more = {"campaign": ["--poses", "5"], "learn": ["part.csv", "--robot", "kuka_kr270"]}.get(command, [])
     for change, fault in (
         ("plan.tolerence_mm=3", "--set plan.tolerence_mm: unknown key, choose from ['tolerance_mm', 'strategy'"),
-        ("plan=3", "--set plan: is 3, must be a table of keys; give one of them, such as plan.KEY = VALUE"),
+        ("plan=3", "--set plan: is 3, must be a section of keys; give one of them, such as plan.KEY = VALUE"),
         ("plan.speed=3", "--set plan.speed: unknown key, choose from ['strategy'"),
         ("plan.tolerance_mm=[1", "--set plan.tolerance_mm: is '[1', expected a TOML value"),
         ("part.position_mm=[1.0]", "--set part.position_mm[1]: missing number"),
-        ("robot.x=1", "--set robot.x: 'robot' is not a table of the job"),
+        ("robot.x=1", "--set robot.x: 'robot' is not a section of the job"),
         ("plan", "--set is 'plan', expected KEY=VALUE such as plan.tolerance_mm=0.05"),
     ):
         words = [command, PATHS / "circle_10mm.toml", *more, "--set", change, "--out", tmp_path / "out"]

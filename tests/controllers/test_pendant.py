@@ -195,4 +195,4 @@ def test_doctor_says_which_way_tool_0_jogs(monkeypatch, capsys) -> None:
     assert "x points along -z and z along x of 'flange' (tool0 of ros-industrial" in said["pendant"]["sentence"]
     # a KUKA with every axis at 0 stretches its arm level: its tool then has B = 90 deg, x down and z ahead
     jog = said["jog check"]["sentence"]
-    assert "with every axis at 0, tool 0 jogs along +x towards -z and along +z towards x of" in jog
+    assert "with every axis at 0, tool 0 must jog along +x towards -z and along +z towards x of" in jog

@@ -124,8 +124,8 @@ def test_auto_leaves_the_configuration_free_and_words_bind_it() -> None:
         (lambda data: data.pop("robot"), r"job.toml: robot: missing key"),
         (lambda data: data.update(robot=" "), r"robot: is empty"),
         (lambda data: data.update(schema=2), r"schema: is 2, choose from 1"),
-        (lambda data: data.update(part=1), r"part: is 1, must be a table"),
-        (lambda data: data.update(toolpath=1), r"toolpath: is 1, must be a file name or a table"),
+        (lambda data: data.update(part=1), r"part: is 1, must be a section"),
+        (lambda data: data.update(toolpath=1), r"toolpath: is 1, must be a file or a section"),
         (lambda data: data["plan"].update(tolerance_mm="0.1"), r"plan.tolerance_mm: is '0.1', must be a number"),
         (
             lambda data: data["plan"].update(tolerance_mm=0.0),

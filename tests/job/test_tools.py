@@ -108,7 +108,7 @@ def test_a_cut_whose_tool_nobody_describes_is_refused_in_one_line(tmp_path, tabl
     ([], "tool: is empty"),
     ([{"number": 1, "lenght": 3.0}], r"tool\[0\].lenght: unknown key"),
     ([{"number": 1}, {"number": 2, "process": {"model": "drill", "teeths": 2}}], r"process.*T2: tool\[1\]"),
-    ([3], r"tool\[0\]: is 3, expected a table"),
+    ([3], r"tool\[0\]: is 3, expected a section"),
 ])  # fmt: skip
 def test_tools_that_cannot_be_are_refused_with_their_place(tmp_path: Path, tools: Any, said: str) -> None:
     with pytest.raises(InputError, match=said):
@@ -215,7 +215,7 @@ def test_the_folder_holds_the_whole_and_each_tool(posted: cp.Posted) -> None:
     time = np.array([float(row.partition(",")[0]) for row in rows])
     assert (np.diff(time) >= 0.0).all() and [row.rpartition(",")[2] for row in rows[:: len(rows) - 1]] == ["T1", "T2"]
     page = (posted.folder / "report.html").read_text()
-    assert "for 2 operations, without the tool changes" in page and "two_T2_L.src" in page
+    assert "run time of 2 operations, without the tool" in page and "two_T2_L.src" in page
 
 
 def test_what_was_written_for_several_tools_is_read_back(
@@ -328,7 +328,7 @@ def test_post_takes_tools_on_the_command_line(tmp_path: Path, monkeypatch, capsy
     done = run_command([*words, *more, "--tool", tmp_path / "spindle.toml", "--tools", tmp_path / "tools.csv"],
                        monkeypatch, capsys)  # fmt: skip
     assert done.status == 0, done.err
-    assert "2 operations (T1, T2), solved" in done.out and "then those of T2" in done.out
+    assert "run time of 2 operations" in done.out and "then those of T2" in done.out
     main = (tmp_path / "out" / "two_T2_L.src").read_text()
     assert re.search(r"\$TOOL=\{X 0.0+,Y 0.0+,Z 210.0+,", main)
 

@@ -21,6 +21,7 @@ from compplan.measurement.instrument import read_instrument
 from compplan.measurement.observations import CONTACT
 from compplan.measurement.reading import read_campaign
 from compplan.planning.plan import plan_job
+from compplan.reporting.campaign import open_campaign
 from compplan.robot import Robot, load_robot
 from compplan.robot.folder import write_robot_folder
 from compplan.robot.uncertainty import Uncertainty, Unknown
@@ -103,11 +104,10 @@ def test_a_campaign_without_a_load_asks_for_one(small_job) -> None:
     """Compliances make most of the band of a KR 270 that pushes with 1.6 kN; unloaded poses do not see them."""
     plan = plan_job(load_job(small_job))
     shops = Equipment(register=()), Equipment((0.0, 60.0), register=())
-    asked, loaded = (design_campaign(plan, equipment, 3).notes for equipment in shops)
-    assert any("--weights-kg" in note for note in asked)
-    assert not any("--weights-kg" in note for note in loaded)
+    asked, loaded = (design_campaign(plan, equipment, 3) for equipment in shops)
+    assert open_campaign(asked).next.startswith("Run it again with --weights-kg") and not loaded.lacks_load
     # 1.4 kN sideways is what no weight shows
-    assert any("sideways with up to 1439 N" in note and "--pull-N 400" in note for note in loaded)
+    assert any("sideways with up to 1439 N" in note and "--pull-N 400" in note for note in loaded.notes)
     pulled = design_campaign(plan, Equipment((0.0, 60.0), 400.0, register=()), 3).notes
     assert not any("--pull-N" in note for note in pulled)
 

@@ -164,7 +164,7 @@ def test_points_that_are_not_of_this_part_are_refused_in_words(name: str, form: 
     try:
         found = match(file)
     except InputError as error:
-        assert "in the part frame (--frame), in mm" in str(error) or "are they in metres" in str(error)
+        assert "Add --frame base" in str(error) or "are they in metres" in str(error)
         return
     # near parts of it lie within reach: what is left is far beyond any band
     assert np.median(np.linalg.norm(found.seen, axis=1)) > 5e-4

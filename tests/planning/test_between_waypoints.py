@@ -198,7 +198,7 @@ def test_effects_of_a_folder_count_between_waypoints_too_and_divide_the_path_no_
 def test_a_path_that_would_need_too_many_waypoints_is_refused_with_the_waypoint(tmp_path, monkeypatch):
     monkeypatch.setattr("compplan.planning.sampling.MOST_WAYPOINTS", 10)
     job = three_points(tmp_path, CONSTANT, sampling={"max_step_mm": 1000.0, "chord_mm": 0.01})
-    with pytest.raises(cp.InfeasibleError, match=r"after waypoint \d+ \(s = .* mm\); raise sampling.chord_mm"):
+    with pytest.raises(cp.InfeasibleError, match=r"waypoint \d+, .* mm along the path; raise sampling.chord_mm"):
         cp.plan_job(job)
 
 

@@ -94,8 +94,9 @@ def test_without_its_limits_the_circle_out_of_limits_is_solved():
 def test_failing_waypoints_and_limits_are_named_in_a_sentence(out_of_reach):
     sentence = out_of_reach.explain_failures()
     beyond = [k for k, text in sorted(out_of_reach.command.failures.items()) if "joint_2" in text]
-    assert f"{len(beyond)} of 400 waypoints are out of reach, the first is waypoint {beyond[0]} (s = " in sentence
-    assert " mm): lower position limit of joint_2" in sentence and "`compplan place` looks for a place" in sentence
+    assert f"{len(beyond)} of 400 waypoints are out of reach, the first is waypoint {beyond[0]} (" in sentence
+    assert " mm along the path): lower position limit of joint_2" in sentence
+    assert "`compplan place` looks for a place" in sentence
     assert f"{len(out_of_reach.command.failures) - len(beyond)} others need more correction than plan." in sentence
     assert len(sentence) <= 300
 

@@ -321,7 +321,7 @@ def test_the_page_of_a_comparison_names_the_closest_strategy_in_each_cell() -> N
     commands = dict.fromkeys(("none", "mirror", "nlp"), plan.command)
     comparison = Comparison("Job", plan.task, cells, commands, runs)
     html = own_part(render_comparison(comparison))
-    assert "Plan with the strategy optimised (nlp)." in html
+    assert "Without extra sensors: plan with the strategy optimised (nlp)" in html
     rows = re.findall(r"<tr>(.*?)</tr>", html)
     closest = [row for row in rows if '<td class=" good">' in row]
     assert len(closest) == 2 and all(row.count('<td class=" good">') == 1 for row in closest)

@@ -111,13 +111,7 @@ def run_diagnose(
     from compplan.api.verbs import diagnose_measured
     from compplan.io.display import format_figures
     from compplan.reporting.diagnosis import CALIBRATION, deliver_diagnosis, open_diagnosis
-    from compplan.reporting.diagnosis_text import (
-        describe_next,
-        describe_self_test,
-        describe_structure,
-        list_effects,
-        list_poses,
-    )
+    from compplan.reporting.diagnosis_text import describe_next, describe_self_test, describe_structure, list_effects
 
     with show_progress() as progress:
         start = perf_counter()
@@ -127,7 +121,7 @@ def run_diagnose(
         tested = _test_diagnosis(diagnosis, perf_counter() - start, progress) if self_test else None
         table = deliver_diagnosis(diagnosis, folder, progress, tested)
     verdict, kind = table["verdict"], diagnosis.delivery.kind
-    todo = describe_next(verdict, kind, list_poses(table, "in the report"))
+    todo = describe_next(table, kind, "in the report")
     small = table["where"]["by_joint"][CALIBRATION]["share"]
     notes = [
         *(f"accepted by --assume-ok: {question}" for question in questions),
@@ -281,4 +275,6 @@ def run_learn(
         announce("report")
         summary = write_learning(update, folder)
     lines = open_update(update).format(folder, summary["files"], update.notes[1:])
+    given = {key: options[key] for key in ("frame", "align") if options[key] not in (None, "part")}
+    lines[-1] += "".join(f" --{key} {value}" for key, value in given.items())
     return CommandResult(summary, lines, explain_failures([update.after]))

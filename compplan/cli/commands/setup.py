@@ -276,7 +276,7 @@ def _refuse_existing(path: Path) -> Path:
 
 
 #: Terminal colours of the states.
-COLOURS = {"fine": "green", "note": "cyan", "odd": "yellow"}
+COLOURS = {"fine": "green", "note": "cyan", "odd": "yellow", "do": "cyan"}
 
 
 @make_command(
@@ -328,8 +328,8 @@ def _describe_findings(findings: list[Remark]) -> list[str]:
         text = finding.sentence + (f"; {finding.advice}" if finding.advice else "")
         state = click.style(f"{finding.state:<4}", fg=COLOURS[finding.state])
         lines.append(f"{state}  {finding.about:<{width}}  {text}")
-    odd = sum(finding.state == "odd" for finding in findings)
-    count = f"{len(findings)} checks: {odd or 'nothing'} odd"
+    odd, notes = (sum(finding.state == state for finding in findings) for state in ("odd", "note"))
+    count = f"{len(findings)} checks: {odd or 'nothing'} odd, {notes} note{'s' * (notes != 1)}"
     return [*lines, count]
 
 

@@ -64,7 +64,7 @@ class ServoMotion:
 def read_motion(
     table: MotionTable | None, prismatic: NDArray[np.bool_], limits: tuple[Array, Array], file: Path | None = None
 ) -> ServoMotion:
-    """Return the motion model of a table [motion]; without the table, or without a key, the assumed values.
+    """Return the motion model of a section [motion]; without the section, or without a key, the assumed values.
 
     `limits` are velocity and acceleration limits of the joints, infinite where unknown. Shape (nq,) each.
 
@@ -90,7 +90,7 @@ def read_motion(
 
 
 def tabulate_motion(motion: ServoMotion, prismatic: NDArray[np.bool_]) -> Mapping[str, Any]:
-    """Return a motion model as a table [motion]."""
+    """Return a motion model as a section [motion]."""
     unit = np.where(prismatic, 1e3, 180.0 / np.pi)
     stated = {
         "cycle_ms": 1e3 * motion.cycle, "blend_share": motion.blend_share,

@@ -196,7 +196,7 @@ class Program:
         return changed & ~self.rapid
 
     def alone(self, *, linear: bool) -> NDArray[np.bool_]:
-        """Return which moves are joint moves: rapid moves, and lines that change the configuration. Shape (n,)."""
+        """Return which moves are joint moves: rapid moves, and lines that change the arm configuration. Shape (n,)."""
         return self.rapid | self.swings if linear else self.rapid
 
     def stops(self, *, linear: bool) -> NDArray[np.bool_]:
@@ -221,20 +221,20 @@ def build_program(
     events: Sequence[Event] = (),
     wiring: Wiring | None = None,
 ) -> Program:
-    """Build a program from commanded joint positions, in the controller's joint convention and kinematic model.
+    """Build a program, in the joint convention and kinematic model of the controller, from commanded joint positions.
 
     Args:
         robot: The robot; its folder holds the controller's conventions.
-        q: Commanded joint positions. Shape (n, nq). [rad or m]
+        q: Commanded joint positions, in the convention of `robot`. Shape (n, nq). [rad or m]
         feed: Feed of the move that ends at each waypoint. Shape (n,). [m/s]
         rapid: Which moves are rapid. Shape (n,).
         name: Name of the program.
         time: Time at each waypoint, or None. Shape (n,). [s]
         comments: Lines for the head of every file.
         part: Pose of the part frame in the base frame; left out: the base itself. Shape (4, 4). [m]
-        exact: Exact stops in addition to the ends of cuts and of rapid moves. Shape (n,).
-        events: Machine events, each after the waypoint in `place`; -1: before the first move.
-        wiring: Signals of the cell for the events; left out: none, so programs stop for the operator.
+        exact: Waypoints to stop at exactly, besides the ends of cuts and of rapid moves. Shape (n,).
+        events: Machine events; each comes after waypoint `event.place`, -1: before the first move.
+        wiring: Signals of the cell for the events; left out: the program stops for the operator at each but coolant.
 
     Raises:
         InputError: If controller.toml or controller.urdf of the robot's folder is not valid.

@@ -141,7 +141,7 @@ def build_scene(
 
 
 def read_scene(job: Job, robot: Robot) -> CollisionScene | None:
-    """Build the collision scene of a job; None if the job has no table [collision].
+    """Build the collision scene of a job; None if the job has no section [collision].
 
     Raises:
         InputError: If a mesh is missing or cannot be read, or a moving link of the arm has no collision shape.

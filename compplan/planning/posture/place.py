@@ -55,7 +55,7 @@ class Ratings:
 class PlaceResult:
     """Best placement of the part."""
 
-    position: Array  #: Origin of the part, base frame, as in table [part] of a job. Shape (3,). [m]
+    position: Array  #: Origin of the part, base frame, as in section [part] of a job. Shape (3,). [m]
     turn: float  #: Rotation about the vertical through it, in addition to the job's rotation. [rad]
     posture_choice: PostureSummary  #: Posture along the path there.
     before: PostureSummary | None  #: Posture at the job's place, or None if infeasible.
@@ -74,12 +74,12 @@ class PlaceResult:
 def place_part(
     job: Job, robot: Robot, announce: Callable[[str], None] = lambda words: None, errors: PostureErrors | None = None,
 ) -> PlaceResult:  # fmt: skip
-    """Search the best place of the part within the table [place] of a job.
+    """Search the best place of the part among those that the section [place] of a job allows.
 
-    `announce` receives progress messages; `errors`: uncertainty of the robot's parameters, for the preset "error_band".
+    `announce` receives progress messages; `errors`, the uncertainty of the tip, is needed for the preset "error_band".
 
     Raises:
-        InputError: If the table [place] has too many places.
+        InputError: If the section [place] allows too many places.
         InfeasibleError: If the path cannot be followed at any of them.
     """
     axes, here = _grid_axes(job), job.T_base_part[:3, 3]
@@ -163,7 +163,7 @@ def rate_places(job: Job, robot: Robot, settings: PostureSettings, shifts: Array
 
 
 def _grid_axes(job: Job) -> tuple[Array, Array, Array]:
-    """Build the grid of places from the table [place]."""
+    """Build the grid of places from the section [place]."""
     table, step = job.place, job.place.step_mm * 1e-3
     here, spans = job.T_base_part[:3, 3], list[tuple[float, float]]()
     for k, span in enumerate((table.x_mm, table.y_mm, table.z_mm)):

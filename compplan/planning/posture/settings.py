@@ -94,7 +94,7 @@ class PostureProblem:
 
 
 def read_settings(job: Job, robot: Robot, errors: PostureErrors | None = None) -> PostureSettings:
-    """Read the settings from the tables of a job; `errors`: parameter errors for the preset "error_band".
+    """Read the settings from the sections of a job; `errors`: parameter errors for the preset "error_band".
 
     With a wrench in tool axes, which would rotate with the tool, the spin is that of the job.
 

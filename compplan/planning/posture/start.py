@@ -213,7 +213,7 @@ def _note_missed(problem: PostureProblem, start: Start) -> Start:
     text = f"{' and '.join(named) or 'the reach of the arm'} {'stop' if len(named) > 1 else 'stops'} it"
     stops = f"{text}; `compplan place` looks for a place of the part within reach"
     sentence = (f"{missed.sum()} of {len(missed)} waypoints of the toolpath are out of reach, the first is {first[0]} "
-                f"(s = {1e3 * nominal.arc_length[first[0]]:.0f} mm): {stops}.")  # fmt: skip
+                f"({1e3 * nominal.arc_length[first[0]]:.0f} mm along the path): {stops}.")  # fmt: skip
     return replace(start, notes=(*start.notes, sentence), cause=stops)
 
 

@@ -15,7 +15,7 @@ from compplan.planning.task import Command, PlanTask
 from compplan.robot import Robot
 from compplan.statics.encoders import combined_gain, gear_compliance
 
-words = "encoders on both sides"
+words = "both encoders"
 
 #: Number of poses that the reduced model is fitted to, and their spread about the path. [rad or m]
 REDUCTION_POSES, REDUCTION_SPREAD = 60, 0.5

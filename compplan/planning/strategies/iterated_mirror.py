@@ -5,7 +5,7 @@ from __future__ import annotations
 from compplan.planning.strategies.mirror import mirror_deviation
 from compplan.planning.task import Command, PlanTask, check_limits
 
-words = "repeated mirror"
+words = "iterated mirror"
 
 MOST_PASSES = 20
 #: Deviation below which the iteration has converged. [m]

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from compplan.planning.task import Command, PlanTask
 
-words = "encoders behind the gears"
+words = "secondary encoders"
 
 
 def command_path(task: PlanTask) -> Command:

@@ -1,7 +1,7 @@
 """Force models, one module each: parameters of a process, and the resulting wrench on the tool along a path.
 
 Each module holds a short description, `words`, and its `table`: the keys of a job's [process] with their ranges, where
-`model` is the name of the module. Base classes of tables differ in the inputs of the wrench:
+`model` is the name of the module. Base classes of sections differ in the inputs of the wrench:
 
     PathForceTable     `wrench_along(nominal)`, path axes: only path and feed             compplan.toolpath.contact
     CuttingTable       `cutter`, `shape`: engagement of the cutter in the stock           compplan.process.cutting

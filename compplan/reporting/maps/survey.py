@@ -134,7 +134,7 @@ def map_planes(arm: Arm, settings: MapSettings) -> tuple[dict[str, DeflectionMap
 
 
 def map_robot(robot: Robot, settings: MapSettings) -> RobotMaps:
-    """Compute maps of stiffness and dexterity over a horizontal and a vertical plane.
+    """Compute maps of stiffness and dexterity over a horizontal (`height`) and a vertical plane (`azimuth`).
 
     Raises:
         InputError: If the robot has no elasticity or fewer than six joints, or reaches no point of a plane.

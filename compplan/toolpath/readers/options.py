@@ -1,4 +1,4 @@
-"""Options of the CAM readers: the [cam] table of a job, options of `compplan convert`, and machines by name.
+"""Options of the CAM readers: the section [cam] of a job, options of `compplan convert`, and machines by name.
 
 The position of the tool is unknown at the beginning of a program, after moves in machine coordinates (G28, G53, SUPA,
 M91), after joint moves of a robot and after probing. A cut from an unknown position is refused, or begins at `from_mm`.
