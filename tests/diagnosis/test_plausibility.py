@@ -164,7 +164,7 @@ def test_a_target_is_asked_for_and_settled_by_its_offset(
     assert asked.status == 2 and "--target-offset 20.0,0.0,118.0" in asked.err.replace("-0.0", "0.0")
     assert not (tmp_path / "out").exists()
     answered = run_command([*command, "--target-offset", "20,0,118"], monkeypatch, capsys)
-    assert answered.status == 0 and "nothing is wrong" in answered.out
+    assert answered.status == 0 and "No error found" in answered.out
     predicted = ["predict", log_of_a_target, "--robot", tmp_path / "out" / "robot", "--out", tmp_path / "p.csv"]
     assert "0.03" in run_command(predicted, monkeypatch, capsys).out
 

@@ -204,7 +204,7 @@ def test_the_level_of_a_log_becomes_the_process_entry_that_later_plans_read(log,
     job.write_text(text, encoding="utf-8")
     told = ["forces", job, "--out", tmp_path / "out", "--log", log, "--write"]
     answer = run_command([*told, tmp_path / "process.toml"], monkeypatch, capsys)
-    assert answer.status == 2 and "a robot folder" in answer.err
+    assert answer.status == 2 and "the folder of a robot" in answer.err
     answer = run_command([*told, robot / "process.toml"], monkeypatch, capsys)
     assert answer.status == 0, answer.err
     fit = json.loads((tmp_path / "out" / "forces.json").read_text(encoding="utf-8"))["log"]

@@ -69,8 +69,8 @@ def test_pasted_rows_narrow_no_interval(tmp_path, monkeypatch, capsys) -> None:
         words = ["identify", log, "--robot", GOOD / "robot", "--out", tmp_path / f"out{times}"]
         answer = run_command(words, monkeypatch, capsys)
         assert answer.status == 0
-        line = next(line for line in answer.out.splitlines() if line.startswith("joint_1 "))
-        low, high = line.rpartition("[")[2].rstrip("]").split(",")
+        line = next(line for line in answer.out.splitlines() if line.strip().startswith("joint_1 "))
+        low, high = line.rpartition("(95 %: ")[2].rstrip(")").split(" to ")
         said.append(float(high) - float(low))
     assert answer.out.count("repeat earlier rows") == 1
     assert "repeat earlier rows" in json.loads((tmp_path / "out3" / "identify.json").read_text())["log_notes"][0]
