@@ -32,15 +32,16 @@ from compplan.uncertainty.ladder import (
     POINTS,
     POSES,
     PROBE,
+    PULL,
     TRACKER_SIGMA,
     MeasurementStep,
     condition,
     pick_places,
-    pose_observability,
     pose_variance,
     predict_bands,
 )
 from compplan.uncertainty.motion import Motion, spread_draws
+from compplan.uncertainty.poses import observe_poses
 from compplan.uncertainty.sensitivities import (
     ROWS,
     ForceSpread,
@@ -91,8 +92,6 @@ class Slopes:
     tie: tuple[Array, Array] | None = None
     #: The part as located by touch-off, or None if its frame is absolute.
     touched: TouchedPart | None = None
-    #: `model` of the tip itself, if that of a touched part is relative to the part; None: the same.
-    alone: Array | None = None
 
     def smooth_columns(self, known: Uncertainty) -> Array:
         """Return the tip motion by one deviation of each component of the unexplained error. (k, 3, c). [m]
@@ -219,9 +218,8 @@ def linearise_path(
         shared = np.concatenate([shared, part[rows]], axis=2)
     moved = np.zeros((0, len(rows), 3)) if motion is None else motion.error[:, rows]
     tie = tie_force(known, force) if len(force.robot) else None
-    alone = measure_slopes(scene, known.unknowns, rows, rest)
-    model = subtract_touch(alone, rest.position, touched, known.unknowns)
-    return Slopes(rows, rest.position, model, shared, local, moved, tie, touched, alone)
+    model = subtract_touch(measure_slopes(scene, known.unknowns, rows, rest), rest.position, touched, known.unknowns)
+    return Slopes(rows, rest.position, model, shared, local, moved, tie, touched)
 
 
 def split_covariance(slopes: Slopes, known: Uncertainty) -> dict[str, Array]:
@@ -287,9 +285,7 @@ def estimate_band(
         farther = find_farthest(drawn + uncorrected[slopes.rows][:, :, None]) - find_farthest(drawn)
         everywhere = along + farther + float(written[cut].max(initial=0.0))
         before = (widest + between, max(widest, everywhere) + between)
-    load = float(np.linalg.norm(scene.wrench[cut, :3], axis=1).max(initial=0.0))
-    weight = pose_observability(robot, known.unknowns, load)
-    ladder, cheapest = _climb(slopes, known, force, parts, left, whole, between, touchable, tolerance, weight)
+    ladder, cheapest = _climb(scene, slopes, known, force, parts, left, whole, between, touchable, tolerance)
     return ErrorBand(
         radius=radius + left,
         parts={name: band_radius(value, mean=mean if name == "motion" else None) for name, value in spread.items()},
@@ -311,13 +307,10 @@ def estimate_band(
 
 
 def _climb(
-    slopes: Slopes, known: Uncertainty, force: ForceSpread, parts: Mapping[str, Array], left: Array, whole: float,
-    between: float, touchable: TouchedPart | None, tolerance: float, weight: Array,
+    scene: ForwardModel, slopes: Slopes, known: Uncertainty, force: ForceSpread, parts: Mapping[str, Array],
+    left: Array, whole: float, between: float, touchable: TouchedPart | None, tolerance: float,
 ) -> tuple[tuple[MeasurementStep, ...], tuple[str, ...]]:  # fmt: skip
-    """Predict the band of the complete cut after further measurements; empty for a path without rows.
-
-    weight: observability of each parameter in poses (`pose_observability`). Shape (p,).
-    """
+    """Predict the band of the complete cut after further measurements; empty for a path without rows."""
     if not len(slopes.rows):
         return (), ()
     k, touched = len(slopes.rows), slopes
@@ -325,8 +318,9 @@ def _climb(
         model = subtract_touch(slopes.model, slopes.tip, touchable, known.unknowns)
         shared = np.concatenate([slopes.shared[:, :, :4], touchable.spread_part(slopes.tip)], axis=2)
         touched = replace(slopes, model=model, shared=shared, touched=touchable)
-    poses, points = pick_places(k, POSES), pick_places(k, POINTS)
-    seen = ((slopes.model if slopes.alone is None else slopes.alone) * weight @ known.spread)[poses]
+    points, variance = pick_places(k, POINTS), pose_variance(known, TRACKER_SIGMA)
+    seen = observe_poses(scene.robot, known, slopes.model @ known.spread, scene.campaign.q, slopes.tip[:, 2].min(),
+                         POSES, PULL, variance)  # fmt: skip
     near, along = left[slopes.rows], np.gradient(slopes.tip, axis=0)[points] if k > 1 else np.zeros((1, 3))
     along = along / np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-12)
     across = np.eye(3) - along[:, :, None] * along[:, None, :]  # points are not measured along the path
@@ -350,8 +344,8 @@ def _climb(
             rows += [np.eye(columns.shape[2])[[first + axis]] for axis in range(4)]
             sigmas += [FORCE_LEVEL / max(force.common, 1e-12), turn, turn, turn]
         if "poses" in steps:
-            rows.append(np.pad(seen.reshape(3 * len(poses), -1), ((0, 0), (0, columns.shape[2] - seen.shape[2]))))
-            sigmas.append(float(np.sqrt(pose_variance(known, TRACKER_SIGMA))))
+            rows.append(np.pad(seen, ((0, 0), (0, columns.shape[2] - seen.shape[1]))))
+            sigmas.append(float(np.sqrt(variance)))
         if "first_part" in steps:
             rows.append((across @ of_part[points]).reshape(-1, columns.shape[2]))
             sigmas.append(PROBE)
