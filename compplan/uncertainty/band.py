@@ -12,8 +12,9 @@ of |e|, that of a quadratic form (`compplan.measurement.distance`).
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -73,8 +74,9 @@ OTHER_CAUSES = {
 MOVED = 60
 #: Least eigenvalue, relative to the greatest, of the components of smooth errors.
 LEAST_VALUE = 1e-8
-#: Number of sampled paths for the band of the complete path, and their seed.
+#: Number of sampled paths for the band of the complete path, and their seed; for a forecast, at so many places.
 PATHS, SEED = 2000, 20260601
+FEWER, PLACES = 500, 100
 
 
 @dataclass(frozen=True, eq=False)
@@ -326,8 +328,15 @@ def _climb(
     across = np.eye(3) - along[:, :, None] * along[:, None, :]  # points are not measured along the path
     repeats = np.broadcast_to((known.repeatability or 0.0) * np.eye(3), (k, 3, 3))
     mean = slopes.moved.mean(axis=0) if len(slopes.moved) else np.zeros((k, 3))
+    random, places = np.random.default_rng(SEED), pick_places(k, PLACES)
+    normal, apart = (random.standard_normal((size * len(places), FEWER)) for size in (3, 1))
+    moved = np.zeros((1, 3, 1))
+    if len(slopes.moved):
+        moved = np.moveaxis(slopes.moved[random.integers(len(slopes.moved), size=FEWER)][:, places], 0, 2)
 
-    def greatest(steps: Sequence[str]) -> float:
+    @cache
+    def greatest(steps: frozenset[str]) -> float:
+        """Return the band of the complete path after measurements, apart from a constant factor."""
         at = touched if "touch_off" in steps else slopes
         (robot, shared), smooth = at.columns(known), at.smooth_columns(known)
         pushed, placed = shared[:, :, :4].copy(), shared[:, :, 4:]
@@ -352,15 +361,15 @@ def _climb(
         local = slopes.local
         if {"force_log", "first_part"} & set(steps):
             local = local * min(1.0, FORCE_LEVEL / max(force.path, 1e-12))
-        rest = np.concatenate([scatter, local, placed], axis=2)
-        covariance = condition(columns, rows, sigmas) + rest @ np.swapaxes(rest, 1, 2)
-        covariance = covariance + parts["repeatability"] + parts["motion"]
-        return float((band_radius(covariance, mean=mean) + near).max())
+        left = np.concatenate([condition(columns, rows, sigmas), scatter, placed, repeats], axis=2)
+        covariance = left @ np.swapaxes(left, 1, 2) + local @ np.swapaxes(local, 1, 2) + parts["motion"]
+        drawn = draw_columns(left[places], normal) + local[places] * apart[:, None] + moved
+        return float((band_radius(covariance, mean=mean) + near).max()) * widen_to_path(drawn)
 
-    widened = (whole - between) / max(greatest(()), 1e-12)
+    widened = (whole - between) / max(greatest(frozenset()), 1e-12)
     steps = ["poses", "first_part"] + (["touch_off"] if touchable is not None else [])
     steps += ["force_log"] if slopes.shared[:, :, :4].any() else []
-    return predict_bands(whole, lambda chosen: widened * greatest(chosen) + between, steps, tolerance)
+    return predict_bands(whole, lambda chosen: widened * greatest(frozenset(chosen)) + between, steps, tolerance)
 
 
 def widen_to_path(drawn: Array) -> float:
@@ -384,27 +393,27 @@ def draw_paths(slopes: Slopes, known: Uncertainty, count: int = PATHS) -> Array:
     """
     random = np.random.default_rng(SEED)
     k = len(slopes.rows)
-    moved = draw_columns(np.concatenate(slopes.columns(known), axis=2), random, count)
+    moved = draw_columns(np.concatenate(slopes.columns(known), axis=2), random.standard_normal((3 * k, count)))
     moved += (known.repeatability or 0.0) * random.standard_normal((1, 3, count))
     moved += slopes.local * random.standard_normal((k, 1, count))
     if len(slopes.moved):
         moved += np.moveaxis(slopes.moved[random.integers(len(slopes.moved), size=count)], 0, 2)
-    moved += draw_columns(slopes.smooth_columns(known), random, count)
+    moved += draw_columns(slopes.smooth_columns(known), random.standard_normal((3 * k, count)))
     return np.asarray(moved)
 
 
-def draw_columns(columns: Array, random: np.random.Generator, count: int) -> Array:
+def draw_columns(columns: Array, normal: Array) -> Array:
     """Draw normal errors of the tip of covariance C = S S^T. Shape (k, 3, count). [m]
 
     A sample C^(1/2) z = S (S^T S)^(-1/2) S^T z depends on C alone, not on the signs of the decomposition S.
-    columns: S, motion of the tip by one standard deviation of each cause. Shape (k, 3, c). [m]
+    columns: S, motion of the tip by one standard deviation of each cause, (k, 3, c) [m]; normal: z, (3 k, count).
     """
     root = columns.reshape(-1, columns.shape[2])
     value, vector = np.linalg.eigh(root.T @ root)
     kept = value > LEAST_VALUE * value.max(initial=0.0)
     value, vector = value[kept], vector[:, kept]
-    drawn = vector.T @ (root.T @ random.standard_normal((len(root), count)))
-    return np.asarray((root @ (vector @ (drawn / np.sqrt(value)[:, None]))).reshape(len(columns), 3, count))
+    drawn = vector.T @ (root.T @ normal)
+    return np.asarray((root @ (vector @ (drawn / np.sqrt(value)[:, None]))).reshape(len(columns), 3, -1))
 
 
 def name_causes(slopes: Slopes, known: Uncertainty, parts: Mapping[str, Array]) -> dict[str, float]:

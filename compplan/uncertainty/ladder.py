@@ -86,14 +86,13 @@ def pose_variance(known: Uncertainty, sigma: float) -> float:
 
 
 def condition(columns: Array, rows: Sequence[Array], sigmas: Sequence[float]) -> Array:
-    """Return the covariance of the tip after measurements with rows H, (m, c), and sigmas. Shape (k, 3, 3). [m^2]
+    """Return the motion of the tip by each z after measurements with rows H, (m, c), and sigmas. Shape (k, 3, c). [m]
 
-    columns: motion of the tip by each z. Shape (k, 3, c). [m]
+    columns: the same before. Shape (k, 3, c). [m]
     """
     whole = np.vstack([np.eye(columns.shape[2]), *(row / sigma for row, sigma in zip(rows, sigmas, strict=True))])
     upper = np.asarray(np.linalg.qr(whole, mode="r"))
-    after = np.linalg.solve(upper.T, columns.reshape(-1, columns.shape[2]).T).T.reshape(columns.shape)
-    return np.asarray(after @ np.swapaxes(after, 1, 2))
+    return np.asarray(np.linalg.solve(upper.T, columns.reshape(-1, columns.shape[2]).T).T.reshape(columns.shape))
 
 
 def pick_places(count: int, most: int) -> NDArray[np.int_]:
