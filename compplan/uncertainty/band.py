@@ -43,6 +43,7 @@ from compplan.uncertainty.ladder import (
 )
 from compplan.uncertainty.motion import Motion, spread_draws
 from compplan.uncertainty.poses import observe_poses
+from compplan.uncertainty.posture_errors import vary_response
 from compplan.uncertainty.sensitivities import (
     ROWS,
     ForceSpread,
@@ -316,6 +317,7 @@ def _climb(
     if not len(slopes.rows):
         return (), ()
     k, touched = len(slopes.rows), slopes
+    varied = vary_response(scene, slopes.rows, known)
     if touchable is not None:
         model = subtract_touch(slopes.model, slopes.tip, touchable, known.unknowns)
         shared = np.concatenate([slopes.shared[:, :, :4], touchable.spread_part(slopes.tip)], axis=2)
@@ -361,7 +363,11 @@ def _climb(
         local = slopes.local
         if {"force_log", "first_part"} & set(steps):
             local = local * min(1.0, FORCE_LEVEL / max(force.path, 1e-12))
-        left = np.concatenate([condition(columns, rows, sigmas), scatter, placed, repeats], axis=2)
+        after = [condition(columns, rows, sigmas), scatter, placed, repeats]
+        if "poses" in steps and "first_part" not in steps:  # the learned arm answers the force by J (C + dC) J^T
+            log = FORCE_LEVEL if "force_log" in steps else np.inf
+            after.append(varied * np.hypot(force.scatter, min(force.common, log)))
+        left = np.concatenate(after, axis=2)
         covariance = left @ np.swapaxes(left, 1, 2) + local @ np.swapaxes(local, 1, 2) + parts["motion"]
         drawn = draw_columns(left[places], normal) + local[places] * apart[:, None] + moved
         return float((band_radius(covariance, mean=mean) + near).max()) * widen_to_path(drawn)

@@ -95,7 +95,7 @@ def observe_poses(
         variance: Of a measured pose per axis. [m^2]
     """
     r, postures = target.shape[2], draw_postures(robot, path_q, lowest, SEED)[:OFFERED]
-    loads = np.array([(0.0, 0.0, 0.0), *pull_aside(pull)])
+    loads = np.array([(0.0, 0.0, 0.0), *pull_aside(pull)[::2]])  # the opposite pull shows the same
     k, posture = len(postures), np.tile(np.arange(len(postures)), len(loads))
     sign = np.where(np.arange(len(posture)) // k % 2 == posture % 2, 1.0, -1.0)
     try:
