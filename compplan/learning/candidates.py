@@ -30,8 +30,8 @@ from compplan.statics.chain import build_chain, joint_jacobian, locate_frames
 from compplan.uncertainty.poses import FLOOR, approach_poses, draw_postures, pull_aside, run_up
 from compplan.uncertainty.sensitivities import build_varied_model, measure_slopes, select_model_rows
 
-#: Number of postures kept.
-KEPT = 300
+#: Number of postures kept, and greatest number drawn.
+KEPT, DRAWN = 300, 3000
 #: Kind of observation and default number of places of each instrument.
 KINDS = {SOCKETS: CONTACT, GAUGE: READING}
 PLACES = {SOCKETS: 3, GAUGE: 6}
@@ -102,7 +102,7 @@ def find_postures(
     path_q: joint positions along the path, (n, nq); lowest: least height of the path over the base plane [m]; scene:
     collision scene, or None.
     """
-    drawn = draw_postures(robot, path_q, lowest, seed)
+    drawn = draw_postures(robot, path_q, lowest, seed, DRAWN)
     if scene is None or not len(drawn):
         return np.asarray(drawn[:kept])
     batches = (drawn[start : start + kept] for start in range(0, len(drawn), kept))

@@ -336,11 +336,12 @@ def _climb(
     if len(slopes.moved):
         moved = np.moveaxis(slopes.moved[random.integers(len(slopes.moved), size=FEWER)][:, places], 0, 2)
 
+    at_stated, at_touched = ((at.columns(known), at.smooth_columns(known)) for at in (slopes, touched))
+
     @cache
     def greatest(steps: frozenset[str]) -> float:
         """Return the band of the complete path after measurements, apart from a constant factor."""
-        at = touched if "touch_off" in steps else slopes
-        (robot, shared), smooth = at.columns(known), at.smooth_columns(known)
+        (robot, shared), smooth = at_touched if "touch_off" in steps else at_stated
         pushed, placed = shared[:, :, :4].copy(), shared[:, :, 4:]
         scatter = pushed[:, :, :1] * force.scatter / max(force.level, 1e-12)
         pushed[:, :, 0] *= force.common / max(force.level, 1e-12)
@@ -364,12 +365,12 @@ def _climb(
         if {"force_log", "first_part"} & set(steps):
             local = local * min(1.0, FORCE_LEVEL / max(force.path, 1e-12))
         after = [condition(columns, rows, sigmas), scatter, placed, repeats]
-        if "poses" in steps and "first_part" not in steps:  # the learned arm answers the force by J (C + dC) J^T
+        if "poses" in steps and "first_part" not in steps:  # the arm found answers the force by J (C + dC) J^T
             log = FORCE_LEVEL if "force_log" in steps else np.inf
             after.append(varied * np.hypot(force.scatter, min(force.common, log)))
-        left = np.concatenate(after, axis=2)
-        covariance = left @ np.swapaxes(left, 1, 2) + local @ np.swapaxes(local, 1, 2) + parts["motion"]
-        drawn = draw_columns(left[places], normal) + local[places] * apart[:, None] + moved
+        shaken = np.concatenate(after, axis=2)
+        covariance = shaken @ np.swapaxes(shaken, 1, 2) + local @ np.swapaxes(local, 1, 2) + parts["motion"]
+        drawn = draw_columns(shaken[places], normal) + local[places] * apart[:, None] + moved
         return float((band_radius(covariance, mean=mean) + near).max()) * widen_to_path(drawn)
 
     widened = (whole - between) / max(greatest(frozenset()), 1e-12)

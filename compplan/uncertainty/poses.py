@@ -20,8 +20,6 @@ from compplan.statics.chain import build_chain, locate_frames
 from compplan.uncertainty.posture_errors import derive_unknowns
 from compplan.uncertainty.sensitivities import build_varied_model
 
-#: Greatest number of postures drawn.
-DRAWN = 3000
 #: Standard deviation of joint positions around the path [rad or m], and margin to the limits of revolute joints [rad].
 AROUND, MARGIN = 0.35, np.radians(5.0)
 #: Greatest angle of a revolute joint from zero, even if its limits are wider: cables. [rad]
@@ -32,8 +30,8 @@ RUN_UP = (np.radians(1.5), 0.01)
 FLOOR = 0.05
 #: Prior standard deviations of unknown frames. [m, rad]
 LOOSE = (1.0, 0.5)
-#: Postures that the forecast chooses of, and their seed.
-OFFERED, SEED = 60, 0
+#: Postures drawn for a forecast, how many of them it chooses of, and their seed.
+DRAWN, OFFERED, SEED = 300, 60, 0
 
 
 def run_up(robot: Robot) -> Array:
@@ -41,8 +39,8 @@ def run_up(robot: Robot) -> Array:
     return np.where(robot.prismatic, RUN_UP[1], RUN_UP[0])
 
 
-def draw_postures(robot: Robot, path_q: Array, lowest: float, seed: int) -> Array:
-    """Draw postures within the joint limits and above the base plane. Shape (<= DRAWN, nq). [rad or m]
+def draw_postures(robot: Robot, path_q: Array, lowest: float, seed: int, drawn: int) -> Array:
+    """Draw postures; return those within the joint limits and above the base plane. Shape (<= drawn, nq). [rad or m]
 
     path_q: joint positions along the path, (n, nq); lowest: least height of the path over the base plane. [m]
     """
@@ -51,12 +49,12 @@ def draw_postures(robot: Robot, path_q: Array, lowest: float, seed: int) -> Arra
     low, high = np.maximum(robot.lower, -span), np.minimum(robot.upper, span)
     edge = np.where(robot.prismatic, 0.02 * (high - low), MARGIN) + run_up(robot)
     low, high = low + edge, high - edge
-    near = path_q[random.integers(0, len(path_q), DRAWN // 2)] + AROUND * random.standard_normal((DRAWN // 2, robot.nq))
-    far = low + (high - low) * random.random((DRAWN - len(near), robot.nq))
-    drawn = np.stack([near, far], axis=1).reshape(-1, robot.nq)
-    drawn = drawn[((drawn >= low) & (drawn <= high)).all(axis=1)]
-    tip = locate_frames(build_chain(robot), drawn).tcp_position
-    return np.asarray(drawn[tip[:, 2] >= min(FLOOR, lowest)])
+    near = path_q[random.integers(0, len(path_q), drawn // 2)] + AROUND * random.standard_normal((drawn // 2, robot.nq))
+    far = low + (high - low) * random.random((drawn - len(near), robot.nq))
+    found = np.stack([near, far], axis=1).reshape(-1, robot.nq)
+    found = found[((found >= low) & (found <= high)).all(axis=1)]
+    tip = locate_frames(build_chain(robot), found).tcp_position
+    return np.asarray(found[tip[:, 2] >= min(FLOOR, lowest)])
 
 
 def pull_aside(pull: float) -> list[tuple[float, float, float]]:
@@ -94,7 +92,7 @@ def observe_poses(
         pull: Force with which the tool can be pulled sideways. [N]
         variance: Of a measured pose per axis. [m^2]
     """
-    r, postures = target.shape[2], draw_postures(robot, path_q, lowest, SEED)[:OFFERED]
+    r, postures = target.shape[2], draw_postures(robot, path_q, lowest, SEED, DRAWN)[:OFFERED]
     loads = np.array([(0.0, 0.0, 0.0), *pull_aside(pull)[::2]])  # the opposite pull shows the same
     k, posture = len(postures), np.tile(np.arange(len(postures)), len(loads))
     sign = np.where(np.arange(len(posture)) // k % 2 == posture % 2, 1.0, -1.0)
