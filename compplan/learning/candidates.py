@@ -75,7 +75,7 @@ class Candidates:
     @property
     def approach_positive(self) -> NDArray[np.bool_]:
         """Return whether all joints approach in positive direction. Shape (m,)."""
-        return np.asarray((self.q > self.start).all(axis=1))
+        return np.asarray((self.q >= self.start).all(axis=1))
 
     @property
     def wrench(self) -> Array:

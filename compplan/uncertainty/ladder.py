@@ -71,8 +71,9 @@ def predict_bands(
     steps = sorted(steps, key=lambda step: COSTS[step][0])
     ladder = [MeasurementStep("now", now, now, now <= tolerance, 0.0, "")]
     for count, step in enumerate(steps, 1):
-        band = band_after(steps[:count])
-        ladder.append(MeasurementStep(step, band, band_after([step]), band <= tolerance, *COSTS[step]))
+        band = min(band_after(steps[:count]), ladder[-1].band)  # bands are sampled, but no measurement widens one
+        alone = min(band_after([step]), now)
+        ladder.append(MeasurementStep(step, band, alone, band <= tolerance, *COSTS[step]))
     if now <= tolerance:
         return tuple(ladder), ()
     sets = [chosen for size in range(1, len(steps) + 1) for chosen in combinations(steps, size)]

@@ -35,8 +35,8 @@ DRAWN, OFFERED, SEED = 300, 60, 0
 
 
 def run_up(robot: Robot) -> Array:
-    """Return the joint distance of the approach to a pose. Shape (nq,). [rad or m]."""
-    return np.where(robot.prismatic, RUN_UP[1], RUN_UP[0])
+    """Return the joint distance of the approach to a pose, 0 for a held joint. Shape (nq,). [rad or m]."""
+    return np.where(robot.upper <= robot.lower, 0.0, np.where(robot.prismatic, RUN_UP[1], RUN_UP[0]))
 
 
 def draw_postures(robot: Robot, path_q: Array, lowest: float, seed: int, drawn: int) -> Array:
@@ -47,9 +47,11 @@ def draw_postures(robot: Robot, path_q: Array, lowest: float, seed: int, drawn: 
     random = np.random.default_rng(seed)
     span = np.where(robot.prismatic, np.inf, TURN)
     low, high = np.maximum(robot.lower, -span), np.minimum(robot.upper, span)
-    edge = np.where(robot.prismatic, 0.02 * (high - low), MARGIN) + run_up(robot)
+    free = high > low
+    edge = np.where(robot.prismatic, 0.02 * (high - low), free * MARGIN) + run_up(robot)
     low, high = low + edge, high - edge
-    near = path_q[random.integers(0, len(path_q), drawn // 2)] + AROUND * random.standard_normal((drawn // 2, robot.nq))
+    near = path_q[random.integers(0, len(path_q), drawn // 2)]
+    near = near + free * AROUND * random.standard_normal(near.shape)
     far = low + (high - low) * random.random((drawn - len(near), robot.nq))
     found = np.stack([near, far], axis=1).reshape(-1, robot.nq)
     found = found[((found >= low) & (found <= high)).all(axis=1)]
@@ -80,7 +82,8 @@ def observe_poses(
     """Return what the poses of a campaign measure: derivatives by each z of `known`, freed of unknown frames. (m, r)
 
     Poses are chosen greedily of a sample, each posture once. The frame of the tracker and the place of its target on
-    the tool are unknown: what they could explain is not observed. Empty if a sampled posture has no equilibrium.
+    the tool are unknown: what they could explain is not observed. Empty if no posture is found, or one lacks an
+    equilibrium.
 
     Args:
         robot: The robot with its tool.
@@ -96,6 +99,8 @@ def observe_poses(
     loads = np.array([(0.0, 0.0, 0.0), *pull_aside(pull)[::2]])  # the opposite pull shows the same
     k, posture = len(postures), np.tile(np.arange(len(postures)), len(loads))
     sign = np.where(np.arange(len(posture)) // k % 2 == posture % 2, 1.0, -1.0)
+    if not k:
+        return np.zeros((0, r))
     try:
         scene = build_varied_model(robot, approach_poses(robot, postures[posture], sign, np.repeat(loads, k, axis=0)))
         at = linearize_model(scene, solve_model_poses(scene))
