@@ -64,10 +64,8 @@ def test_what_the_force_moves_changes_with_the_compliance_as_by_difference() -> 
 
 def test_a_held_joint_stays_in_every_posture_and_approach() -> None:
     robot = load_robot("kuka_kr270")
-    joints = tuple(
-        replace(joint, lower=POSTURE[3], upper=POSTURE[3]) if joint.name == "joint_4" else joint
-        for joint in robot.joints
-    )
+    fixed = {"lower": POSTURE[3], "upper": POSTURE[3]}
+    joints = tuple(replace(joint, **fixed) if joint.name == "joint_4" else joint for joint in robot.joints)
     held = replace(robot, joints=joints)
     drawn = draw_postures(held, POSTURE[None], 0.5, 0, 200)
     assert len(drawn) > 20
