@@ -27,18 +27,11 @@ from compplan.robot import Array, Robot
 from compplan.robot.model import STANDARD_GRAVITY
 from compplan.robot.uncertainty import Unknown
 from compplan.statics.chain import build_chain, joint_jacobian, locate_frames
+from compplan.uncertainty.poses import FLOOR, approach_poses, draw_postures, pull_aside, run_up
 from compplan.uncertainty.sensitivities import build_varied_model, measure_slopes, select_model_rows
 
 #: Number of postures kept, and greatest number drawn.
 KEPT, DRAWN = 300, 3000
-#: Standard deviation of joint positions around the path [rad or m], and margin to the limits of revolute joints [rad].
-AROUND, MARGIN = 0.35, np.radians(5.0)
-#: Greatest angle of a revolute joint from zero, even if its limits are wider: cables. [rad]
-TURN = np.radians(170.0)
-#: Distance of the approach to a pose in every joint, longer than any backlash. [rad], [m]
-RUN_UP = (np.radians(1.5), 0.01)
-#: Least height of the tip over the base plane, unless the path is lower. [m]
-FLOOR = 0.05
 #: Kind of observation and default number of places of each instrument.
 KINDS = {SOCKETS: CONTACT, GAUGE: READING}
 PLACES = {SOCKETS: 3, GAUGE: 6}
@@ -82,7 +75,7 @@ class Candidates:
     @property
     def approach_positive(self) -> NDArray[np.bool_]:
         """Return whether all joints approach in positive direction. Shape (m,)."""
-        return np.asarray((self.q > self.start).all(axis=1))
+        return np.asarray((self.q >= self.start).all(axis=1))
 
     @property
     def wrench(self) -> Array:
@@ -101,11 +94,6 @@ class Candidates:
         return Candidates(log, self.tip[rows], self.rotation[rows], self.slopes[rows], observations)
 
 
-def run_up(robot: Robot) -> Array:
-    """Return the joint distance of the approach to a pose. Shape (nq,). [rad or m]."""
-    return np.where(robot.prismatic, RUN_UP[1], RUN_UP[0])
-
-
 def find_postures(
     robot: Robot, path_q: Array, lowest: float, scene: CollisionScene | None, seed: int, kept: int = KEPT
 ) -> Array:
@@ -114,17 +102,7 @@ def find_postures(
     path_q: joint positions along the path, (n, nq); lowest: least height of the path over the base plane [m]; scene:
     collision scene, or None.
     """
-    random = np.random.default_rng(seed)
-    span = np.where(robot.prismatic, np.inf, TURN)
-    low, high = np.maximum(robot.lower, -span), np.minimum(robot.upper, span)
-    edge = np.where(robot.prismatic, 0.02 * (high - low), MARGIN) + run_up(robot)
-    low, high = low + edge, high - edge
-    near = path_q[random.integers(0, len(path_q), DRAWN // 2)] + AROUND * random.standard_normal((DRAWN // 2, robot.nq))
-    far = low + (high - low) * random.random((DRAWN - len(near), robot.nq))
-    drawn = np.stack([near, far], axis=1).reshape(-1, robot.nq)
-    drawn = drawn[((drawn >= low) & (drawn <= high)).all(axis=1)]
-    tip = locate_frames(build_chain(robot), drawn).tcp_position
-    drawn = drawn[tip[:, 2] >= min(FLOOR, lowest)]
+    drawn = draw_postures(robot, path_q, lowest, seed, DRAWN)
     if scene is None or not len(drawn):
         return np.asarray(drawn[:kept])
     batches = (drawn[start : start + kept] for start in range(0, len(drawn), kept))
@@ -140,13 +118,10 @@ def list_candidates(
     """
     k = len(postures)
     loads = [(0.0, 0.0, 0.0 - STANDARD_GRAVITY * weight) for weight in weights]
-    loads += [(x * pull, y * pull, 0.0) for x, y in ((1, 0), (-1, 0), (0, 1), (0, -1)) if pull > 0]
+    loads += pull_aside(pull)
     q, sign = np.tile(postures, (2 * len(loads), 1)), np.tile(np.repeat([1, -1], k), len(loads))
-    wrench = np.zeros((2 * len(q), 6))
-    wrench[:, :3] = np.repeat(loads, 4 * k, axis=0)
-    way = np.stack([q - sign[:, None] * run_up(robot), q], axis=1).reshape(-1, robot.nq)
-    log = Campaign(np.array(["static_1"] * len(way)), way, wrench, np.full((len(way), 3), np.nan))
-    scene, rows = build_varied_model(robot, log), np.arange(1, len(way), 2)
+    log = approach_poses(robot, q, sign, np.repeat(loads, 2 * k, axis=0))
+    scene, rows = build_varied_model(robot, log), np.arange(1, len(log), 2)
     attained = solve_model_poses(select_model_rows(scene, rows))
     return Candidates(log, attained.position, attained.rotation, measure_slopes(scene, unknowns, rows))
 

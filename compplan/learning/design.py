@@ -28,9 +28,8 @@ from compplan.robot.pose import rigid_columns
 from compplan.robot.uncertainty import Uncertainty
 from compplan.uncertainty.band import Slopes, split_covariance
 from compplan.uncertainty.ladder import pose_variance
+from compplan.uncertainty.poses import LOOSE
 
-#: Prior standard deviations of unknown frames. [m, rad]
-LOOSE = (1.0, 0.5)
 #: Least relative reduction of the band by a further pose.
 WORTH = 0.005
 #: Number of postures checked for collision on a joint move between two poses.

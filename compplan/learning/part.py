@@ -337,6 +337,7 @@ def with_band(plan: Plan, model_update: ModelUpdate, slopes: Slopes, known: Unce
     run = np.broadcast_to((known.repeatability or 0.0) * np.eye(3), (len(own), 3, 3))
     value, vector = np.linalg.eigh(model_update.tip if model_update.taken else prior_of(model_update.model))
     repeats = (vector * np.sqrt(np.maximum(value, 0.0))).reshape(len(own), 3, -1)
-    drawn = draw_columns(np.concatenate([repeats, own, run], axis=2), np.random.default_rng(SEED), PATHS)
+    normal = np.random.default_rng(SEED).standard_normal((3 * len(own), PATHS))
+    drawn = draw_columns(np.concatenate([repeats, own, run], axis=2), normal)
     whole = (better.greatest - better.between) * widen_to_path(drawn) + better.between
     return replace(plan, learned=replace(better, whole=whole))

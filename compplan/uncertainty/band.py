@@ -12,8 +12,9 @@ of |e|, that of a quadratic form (`compplan.measurement.distance`).
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -32,15 +33,17 @@ from compplan.uncertainty.ladder import (
     POINTS,
     POSES,
     PROBE,
+    PULL,
     TRACKER_SIGMA,
     MeasurementStep,
     condition,
     pick_places,
-    pose_observability,
     pose_variance,
     predict_bands,
 )
 from compplan.uncertainty.motion import Motion, spread_draws
+from compplan.uncertainty.poses import observe_poses
+from compplan.uncertainty.posture_errors import vary_response
 from compplan.uncertainty.sensitivities import (
     ROWS,
     ForceSpread,
@@ -72,8 +75,9 @@ OTHER_CAUSES = {
 MOVED = 60
 #: Least eigenvalue, relative to the greatest, of the components of smooth errors.
 LEAST_VALUE = 1e-8
-#: Number of sampled paths for the band of the complete path, and their seed.
+#: Number of sampled paths for the band of the complete path, and their seed; for a forecast, at so many places.
 PATHS, SEED = 2000, 20260601
+FEWER, PLACES = 500, 100
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,8 +95,6 @@ class Slopes:
     tie: tuple[Array, Array] | None = None
     #: The part as located by touch-off, or None if its frame is absolute.
     touched: TouchedPart | None = None
-    #: `model` of the tip itself, if that of a touched part is relative to the part; None: the same.
-    alone: Array | None = None
 
     def smooth_columns(self, known: Uncertainty) -> Array:
         """Return the tip motion by one deviation of each component of the unexplained error. (k, 3, c). [m]
@@ -219,9 +221,8 @@ def linearise_path(
         shared = np.concatenate([shared, part[rows]], axis=2)
     moved = np.zeros((0, len(rows), 3)) if motion is None else motion.error[:, rows]
     tie = tie_force(known, force) if len(force.robot) else None
-    alone = measure_slopes(scene, known.unknowns, rows, rest)
-    model = subtract_touch(alone, rest.position, touched, known.unknowns)
-    return Slopes(rows, rest.position, model, shared, local, moved, tie, touched, alone)
+    model = subtract_touch(measure_slopes(scene, known.unknowns, rows, rest), rest.position, touched, known.unknowns)
+    return Slopes(rows, rest.position, model, shared, local, moved, tie, touched)
 
 
 def split_covariance(slopes: Slopes, known: Uncertainty) -> dict[str, Array]:
@@ -287,9 +288,7 @@ def estimate_band(
         farther = find_farthest(drawn + uncorrected[slopes.rows][:, :, None]) - find_farthest(drawn)
         everywhere = along + farther + float(written[cut].max(initial=0.0))
         before = (widest + between, max(widest, everywhere) + between)
-    load = float(np.linalg.norm(scene.wrench[cut, :3], axis=1).max(initial=0.0))
-    weight = pose_observability(robot, known.unknowns, load)
-    ladder, cheapest = _climb(slopes, known, force, parts, left, whole, between, touchable, tolerance, weight)
+    ladder, cheapest = _climb(scene, slopes, known, force, parts, left, whole, between, touchable, tolerance)
     return ErrorBand(
         radius=radius + left,
         parts={name: band_radius(value, mean=mean if name == "motion" else None) for name, value in spread.items()},
@@ -311,31 +310,38 @@ def estimate_band(
 
 
 def _climb(
-    slopes: Slopes, known: Uncertainty, force: ForceSpread, parts: Mapping[str, Array], left: Array, whole: float,
-    between: float, touchable: TouchedPart | None, tolerance: float, weight: Array,
+    scene: ForwardModel, slopes: Slopes, known: Uncertainty, force: ForceSpread, parts: Mapping[str, Array],
+    left: Array, whole: float, between: float, touchable: TouchedPart | None, tolerance: float,
 ) -> tuple[tuple[MeasurementStep, ...], tuple[str, ...]]:  # fmt: skip
-    """Predict the band of the complete cut after further measurements; empty for a path without rows.
-
-    weight: observability of each parameter in poses (`pose_observability`). Shape (p,).
-    """
+    """Predict the band of the complete cut after further measurements; empty for a path without rows."""
     if not len(slopes.rows):
         return (), ()
     k, touched = len(slopes.rows), slopes
+    varied = vary_response(scene, slopes.rows, known)
     if touchable is not None:
         model = subtract_touch(slopes.model, slopes.tip, touchable, known.unknowns)
         shared = np.concatenate([slopes.shared[:, :, :4], touchable.spread_part(slopes.tip)], axis=2)
         touched = replace(slopes, model=model, shared=shared, touched=touchable)
-    poses, points = pick_places(k, POSES), pick_places(k, POINTS)
-    seen = ((slopes.model if slopes.alone is None else slopes.alone) * weight @ known.spread)[poses]
+    points, variance = pick_places(k, POINTS), pose_variance(known, TRACKER_SIGMA)
+    seen = observe_poses(scene.robot, known, slopes.model @ known.spread, scene.campaign.q, slopes.tip[:, 2].min(),
+                         POSES, PULL, variance)  # fmt: skip
     near, along = left[slopes.rows], np.gradient(slopes.tip, axis=0)[points] if k > 1 else np.zeros((1, 3))
     along = along / np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-12)
     across = np.eye(3) - along[:, :, None] * along[:, None, :]  # points are not measured along the path
     repeats = np.broadcast_to((known.repeatability or 0.0) * np.eye(3), (k, 3, 3))
     mean = slopes.moved.mean(axis=0) if len(slopes.moved) else np.zeros((k, 3))
+    random, places = np.random.default_rng(SEED), pick_places(k, PLACES)
+    normal, apart = (random.standard_normal((size * len(places), FEWER)) for size in (3, 1))
+    moved = np.zeros((1, 3, 1))
+    if len(slopes.moved):
+        moved = np.moveaxis(slopes.moved[random.integers(len(slopes.moved), size=FEWER)][:, places], 0, 2)
 
-    def greatest(steps: Sequence[str]) -> float:
-        at = touched if "touch_off" in steps else slopes
-        (robot, shared), smooth = at.columns(known), at.smooth_columns(known)
+    at_stated, at_touched = ((at.columns(known), at.smooth_columns(known)) for at in (slopes, touched))
+
+    @cache
+    def greatest(steps: frozenset[str]) -> float:
+        """Return the band of the complete path after measurements, apart from a constant factor."""
+        (robot, shared), smooth = at_touched if "touch_off" in steps else at_stated
         pushed, placed = shared[:, :, :4].copy(), shared[:, :, 4:]
         scatter = pushed[:, :, :1] * force.scatter / max(force.level, 1e-12)
         pushed[:, :, 0] *= force.common / max(force.level, 1e-12)
@@ -350,23 +356,27 @@ def _climb(
             rows += [np.eye(columns.shape[2])[[first + axis]] for axis in range(4)]
             sigmas += [FORCE_LEVEL / max(force.common, 1e-12), turn, turn, turn]
         if "poses" in steps:
-            rows.append(np.pad(seen.reshape(3 * len(poses), -1), ((0, 0), (0, columns.shape[2] - seen.shape[2]))))
-            sigmas.append(float(np.sqrt(pose_variance(known, TRACKER_SIGMA))))
+            rows.append(np.pad(seen, ((0, 0), (0, columns.shape[2] - seen.shape[1]))))
+            sigmas.append(float(np.sqrt(variance)))
         if "first_part" in steps:
             rows.append((across @ of_part[points]).reshape(-1, columns.shape[2]))
             sigmas.append(PROBE)
         local = slopes.local
         if {"force_log", "first_part"} & set(steps):
             local = local * min(1.0, FORCE_LEVEL / max(force.path, 1e-12))
-        rest = np.concatenate([scatter, local, placed], axis=2)
-        covariance = condition(columns, rows, sigmas) + rest @ np.swapaxes(rest, 1, 2)
-        covariance = covariance + parts["repeatability"] + parts["motion"]
-        return float((band_radius(covariance, mean=mean) + near).max())
+        after = [condition(columns, rows, sigmas), scatter, placed, repeats]
+        if "poses" in steps and "first_part" not in steps:  # the arm found answers the force by J (C + dC) J^T
+            log = FORCE_LEVEL if "force_log" in steps else np.inf
+            after.append(varied * np.hypot(force.scatter, min(force.common, log)))
+        shaken = np.concatenate(after, axis=2)
+        covariance = shaken @ np.swapaxes(shaken, 1, 2) + local @ np.swapaxes(local, 1, 2) + parts["motion"]
+        drawn = draw_columns(shaken[places], normal) + local[places] * apart[:, None] + moved
+        return float((band_radius(covariance, mean=mean) + near).max()) * widen_to_path(drawn)
 
-    widened = (whole - between) / max(greatest(()), 1e-12)
+    widened = (whole - between) / max(greatest(frozenset()), 1e-12)
     steps = ["poses", "first_part"] + (["touch_off"] if touchable is not None else [])
     steps += ["force_log"] if slopes.shared[:, :, :4].any() else []
-    return predict_bands(whole, lambda chosen: widened * greatest(chosen) + between, steps, tolerance)
+    return predict_bands(whole, lambda chosen: widened * greatest(frozenset(chosen)) + between, steps, tolerance)
 
 
 def widen_to_path(drawn: Array) -> float:
@@ -390,27 +400,27 @@ def draw_paths(slopes: Slopes, known: Uncertainty, count: int = PATHS) -> Array:
     """
     random = np.random.default_rng(SEED)
     k = len(slopes.rows)
-    moved = draw_columns(np.concatenate(slopes.columns(known), axis=2), random, count)
+    moved = draw_columns(np.concatenate(slopes.columns(known), axis=2), random.standard_normal((3 * k, count)))
     moved += (known.repeatability or 0.0) * random.standard_normal((1, 3, count))
     moved += slopes.local * random.standard_normal((k, 1, count))
     if len(slopes.moved):
         moved += np.moveaxis(slopes.moved[random.integers(len(slopes.moved), size=count)], 0, 2)
-    moved += draw_columns(slopes.smooth_columns(known), random, count)
+    moved += draw_columns(slopes.smooth_columns(known), random.standard_normal((3 * k, count)))
     return np.asarray(moved)
 
 
-def draw_columns(columns: Array, random: np.random.Generator, count: int) -> Array:
+def draw_columns(columns: Array, normal: Array) -> Array:
     """Draw normal errors of the tip of covariance C = S S^T. Shape (k, 3, count). [m]
 
     A sample C^(1/2) z = S (S^T S)^(-1/2) S^T z depends on C alone, not on the signs of the decomposition S.
-    columns: S, motion of the tip by one standard deviation of each cause. Shape (k, 3, c). [m]
+    columns: S, motion of the tip by one standard deviation of each cause, (k, 3, c) [m]; normal: z, (3 k, count).
     """
     root = columns.reshape(-1, columns.shape[2])
     value, vector = np.linalg.eigh(root.T @ root)
     kept = value > LEAST_VALUE * value.max(initial=0.0)
     value, vector = value[kept], vector[:, kept]
-    drawn = vector.T @ (root.T @ random.standard_normal((len(root), count)))
-    return np.asarray((root @ (vector @ (drawn / np.sqrt(value)[:, None]))).reshape(len(columns), 3, count))
+    drawn = vector.T @ (root.T @ normal)
+    return np.asarray((root @ (vector @ (drawn / np.sqrt(value)[:, None]))).reshape(len(columns), 3, -1))
 
 
 def name_causes(slopes: Slopes, known: Uncertainty, parts: Mapping[str, Array]) -> dict[str, float]:

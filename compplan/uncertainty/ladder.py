@@ -5,8 +5,8 @@ level and direction of the force. After a measurement y = H z + noise of covaria
 
     P = (1 + H^T diag(s^-2) H)^-1,    and that of the tip is L P L^T + rest.
 
-Each row of H is one measured coordinate at a place of the path. Poses determine parameters alone: unexplained errors
-are noise to them (`pose_variance`), as in the design of a campaign.
+Each row of H is one measured coordinate: of a point of the path, or of a pose that a campaign would choose. Poses
+determine parameters alone (`compplan.uncertainty.poses`): unexplained errors are noise to them (`pose_variance`).
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.robot import Array, Robot
-from compplan.robot.uncertainty import Uncertainty, Unknown
-from compplan.uncertainty.assumed import LINK_ELASTICITY, moves_base
+from compplan.robot import Array
+from compplan.robot.uncertainty import Uncertainty
+from compplan.uncertainty.assumed import LINK_ELASTICITY
 
 #: Assumed measurements: poses of a campaign, pull at the tool [N], standard deviation of the tracker per axis [m];
 #: that of a point on a part (default of `compplan learn`), number of independent points; relative standard deviation
@@ -71,26 +71,14 @@ def predict_bands(
     steps = sorted(steps, key=lambda step: COSTS[step][0])
     ladder = [MeasurementStep("now", now, now, now <= tolerance, 0.0, "")]
     for count, step in enumerate(steps, 1):
-        band = band_after(steps[:count])
-        ladder.append(MeasurementStep(step, band, band_after([step]), band <= tolerance, *COSTS[step]))
+        band = min(band_after(steps[:count]), ladder[-1].band)  # bands are sampled, but no measurement widens one
+        alone = min(band_after([step]), now)
+        ladder.append(MeasurementStep(step, band, alone, band <= tolerance, *COSTS[step]))
     if now <= tolerance:
         return tuple(ladder), ()
     sets = [chosen for size in range(1, len(steps) + 1) for chosen in combinations(steps, size)]
     sets.sort(key=lambda chosen: sum(COSTS[step][0] for step in chosen))
     return tuple(ladder), next((chosen for chosen in sets if band_after(chosen) <= tolerance), ())
-
-
-def pose_observability(robot: Robot, unknowns: Sequence[Unknown], load: float) -> Array:
-    """Return the observability of each parameter in poses, relative to its effect on the path. Shape (p,).
-
-    It is zero for parameters that move the complete arm, because the frame of the tracker is unknown. That of a
-    compliance is the ratio, at most 1, of the pull to `load`, the greatest force of the process. [N]
-    """
-    share = min(1.0, PULL / max(load, 1e-9))
-    weight = [
-        0.0 if moves_base(robot, unknown) else share if unknown.effect in COMPLIANCES else 1.0 for unknown in unknowns
-    ]
-    return np.repeat(weight, [len(unknown.keys) for unknown in unknowns])
 
 
 def pose_variance(known: Uncertainty, sigma: float) -> float:
@@ -99,14 +87,13 @@ def pose_variance(known: Uncertainty, sigma: float) -> float:
 
 
 def condition(columns: Array, rows: Sequence[Array], sigmas: Sequence[float]) -> Array:
-    """Return the covariance of the tip after measurements with rows H, (m, c), and sigmas. Shape (k, 3, 3). [m^2]
+    """Return the motion of the tip by each z after measurements with rows H, (m, c), and sigmas. Shape (k, 3, c). [m]
 
-    columns: motion of the tip by each z. Shape (k, 3, c). [m]
+    columns: the same before. Shape (k, 3, c). [m]
     """
     whole = np.vstack([np.eye(columns.shape[2]), *(row / sigma for row, sigma in zip(rows, sigmas, strict=True))])
     upper = np.asarray(np.linalg.qr(whole, mode="r"))
-    after = np.linalg.solve(upper.T, columns.reshape(-1, columns.shape[2]).T).T.reshape(columns.shape)
-    return np.asarray(after @ np.swapaxes(after, 1, 2))
+    return np.asarray(np.linalg.solve(upper.T, columns.reshape(-1, columns.shape[2]).T).T.reshape(columns.shape))
 
 
 def pick_places(count: int, most: int) -> NDArray[np.int_]:

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from compplan.effects import EFFECTS, solve_model_poses, transmission_error
 from compplan.effects.forward_model import ForwardModel
@@ -25,6 +26,7 @@ from compplan.uncertainty.sensitivities import (
     build_path_model,
     measure_slopes,
     read_force_spread,
+    select_model_rows,
     tie_force,
 )
 
@@ -111,6 +113,19 @@ def derive_unknowns(at: Linearization, unknowns: Sequence[Unknown]) -> Array:
         fitting = [one for one in same if one.keys == unknown.keys and _plain(one) == _plain(unknown)]
         columns.append(fitting[0].twist[:, :3] if fitting else measure_slopes(at.scene, [unknown], rows))
     return np.concatenate(columns, axis=2) if columns else np.zeros((len(rows), 3, 0))
+
+
+def vary_response(scene: ForwardModel, rows: NDArray[np.int_], known: Uncertainty) -> Array:
+    """Return the change of the tip's answer to the wrench by one deviation of each z of `known`. Shape (k, 3, r). [m]
+
+    The derivatives by parameters with the wrench, less those without, at rows of a forward model.
+    """
+    here = select_model_rows(scene, rows)
+    pushed, still = (
+        derive_unknowns(linearize_model(at, solve_model_poses(at)), known.unknowns)
+        for at in (here, replace(here, wrench=0.0 * here.wrench))
+    )
+    return np.asarray((pushed - still) @ known.spread)
 
 
 def _plain(entry: Signature | Unknown) -> dict[str, object]:

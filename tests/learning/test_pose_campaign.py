@@ -27,6 +27,7 @@ from compplan.robot.folder import write_robot_folder
 from compplan.robot.uncertainty import Uncertainty, Unknown
 from compplan.statics.chain import build_chain, locate_frames
 from compplan.uncertainty.band import linearise_path
+from compplan.uncertainty.poses import observe_poses
 from compplan.uncertainty.sensitivities import ForceSpread, build_path_model
 
 PATHS = Path(__file__).parents[2] / "paths"
@@ -79,6 +80,17 @@ def test_designed_poses_beat_random_ones_and_never_widen_the_band() -> None:
     still = choose_measurements(design, list_candidates(robot, postures, [100.0], 0.0, design.known.unknowns), 6)
     assert still.covariance[0, 0] == pytest.approx(1e-14, rel=1e-3)
     assert choice.covariance[0, 0] < 0.1e-14
+
+
+def test_a_forecast_of_few_sampled_postures_leaves_what_a_campaign_leaves() -> None:
+    design, q = make_design(("base", "tool"))
+    robot, known = load_robot("kuka_kr270"), design.known
+    candidates = list_candidates(robot, find_postures(robot, q, 0.5, None, seed=3), [0.0], 400.0, known.unknowns)
+    chosen = choose_measurements(design, candidates, 12)
+    seen = observe_poses(robot, known, design.path.model @ known.spread, q, 0.5, 12, 400.0, design.noise)
+    after = known.spread @ np.linalg.inv(np.eye(6) + seen.T @ seen / design.noise) @ known.spread.T
+    assert 1.0 <= design.model_band(after) / design.model_band(chosen.covariance) < 1.5
+    assert design.model_band(after) < 0.2 * design.model_band(known.covariance)
 
 
 def test_poses_of_one_load_are_measured_together_and_on_a_short_way() -> None:
