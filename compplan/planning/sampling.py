@@ -228,7 +228,7 @@ def divide_by(task: PlanTask, pieces: NDArray[np.int_]) -> PlanTask:
         message = (
             f"path makes {count.sum()} waypoints when it is divided to stay within {1e3 * task.chord:.3g} mm between "
             f"them, at most {MOST_WAYPOINTS}, the most after waypoint {worst}, "
-            f"{1e3 * task.nominal.arc_length[worst]:.1f} mm along the path; raise sampling.chord_mm or plan a part of it"
+            f"{1e3 * task.nominal.arc_length[worst]:.1f} mm along the path; raise sampling.chord_mm or plan part of it"
         )
         raise InfeasibleError(message, waypoints=[worst], limits=["number of waypoints"])
     extra = np.repeat(np.arange(len(task) - 1), count - 1)
