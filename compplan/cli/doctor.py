@@ -12,7 +12,7 @@ from typing import Literal
 
 import numpy as np
 
-from compplan.controllers.writers.joint_convention import from_controller, load_controller, locate_link, locate_pendant
+from compplan.controllers.writers.joint_convention import from_controller, load_controller, locate_links, locate_pendant
 from compplan.diagnosis.data.plausibility import check_plausibility
 from compplan.effects import robot_effects
 from compplan.errors import InputError
@@ -204,7 +204,7 @@ def _describe_jog(robot: Robot, pendant: Array) -> str:
     counting = load_controller(robot)
     zero = from_controller(counting, np.zeros((1, robot.nq)))[0]
     q = np.clip(zero, robot.lower, robot.upper)
-    seen = counting.world[:3, :3].T @ (locate_link(robot, q[None], robot.flange)[0] @ pendant)[:3, :3]
+    seen = counting.world[:3, :3].T @ (locate_links(robot, q[None])[robot.flange][0] @ pendant)[:3, :3]
     x, z = (name_axis(np.where(np.abs(seen[:, k]) < 1e-6, 0.0, seen[:, k])) for k in (0, 2))
     pose = "with every axis at 0" if np.allclose(q, zero) else "with every axis as near to 0 as its limits allow"
     return f"{pose}, tool 0 must jog along +x towards {x} and along +z towards {z} of the base frame"

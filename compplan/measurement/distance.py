@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
+from numpy.polynomial import Chebyshev
 from numpy.typing import NDArray
 from scipy.special import gammaincinv
 
@@ -33,9 +36,14 @@ def band_radius(covariance: Array, level: float = LEVEL, mean: Array | None = No
     square, along = unit @ unit, np.einsum("nij,nj->ni", unit, shift)
     second = 2.0 * np.trace(square, axis1=1, axis2=2) + 4.0 * np.einsum("ni,ni->n", shift, along)
     third = 8.0 * np.einsum("nij,nji->n", square, unit) + 24.0 * np.einsum("ni,ni->n", along, along)
-    freedom = 8.0 * second**3 / third**2
-    quantile = 1.0 + (2.0 * gammaincinv(0.5 * freedom, level) - freedom) * np.sqrt(second / (2.0 * freedom))
+    quantile = 1.0 + np.sqrt(second) * _fit_quantile(level)(0.5 * third / second**1.5)
     return np.asarray(np.sqrt(first * np.where(some, np.maximum(quantile, 0.0), 1.0)))
+
+
+@cache
+def _fit_quantile(level: float) -> Chebyshev:
+    """Fit the standardised quantile of chi-square by half its skewness, at most sqrt(2), to 1e-10."""
+    return Chebyshev.interpolate(lambda t: t * (gammaincinv(t**-2, level) - t**-2), 16, [0.0, np.sqrt(2.0)])
 
 
 def calibrate_band(error: Array, model: Array, noise: Array, group: NDArray[np.int_]) -> tuple[float, int]:

@@ -343,6 +343,14 @@ def _toppra() -> tuple[Any, Any, Any]:
 
     logging.getLogger("toppra").setLevel(logging.ERROR)
 
+    class RestToRest(TOPPRA):  # type: ignore[misc]
+        """TOPP-RA of a run that may rest anywhere: the least controllable speed of every place is zero."""
+
+        def _one_step(self, i: int, following: Array) -> Array:
+            fastest = np.array([1e-9, -1.0])
+            found = self.solver_wrapper.solve_stagewise_optim(i, None, fastest, np.nan, np.nan, *following)
+            return np.array([0.0, found[1]])
+
     class RowLimit(LinearConstraint):  # type: ignore[misc]
         """Constraint |a u + b x + c| <= 1 at both ends of every move, and bounds of x."""
 
@@ -358,7 +366,7 @@ def _toppra() -> tuple[Any, Any, Any]:
             found = canlinear_colloc_to_interpolate(*self.rows, sides, most, None, None, gridpoints, identical=True)
             return (*found[:5], None, self.bounds)  # no bounds of u, those of x
 
-    return toppra.SplineInterpolator, RowLimit, TOPPRA
+    return toppra.SplineInterpolator, RowLimit, RestToRest
 
 
 def smooth_profile(along: Array, speed: Array, window: float) -> tuple[Array, Array]:

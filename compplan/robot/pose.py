@@ -55,7 +55,7 @@ def follow_joints(base: str, joints: Sequence[Joint], value: Mapping[str, ArrayL
         position = np.asarray(value.get(joint.name, 0.0))
         if joint.mimic is not None:
             position = joint.mimic.multiplier * np.asarray(value.get(joint.mimic.joint, 0.0)) + joint.mimic.offset
-        poses[joint.child] = poses[joint.parent] @ joint.placement @ move_joint(joint, position)
+        poses[joint.child] = poses[joint.parent] @ (joint.placement @ move_joint(joint, position))
     return poses
 
 

@@ -289,9 +289,9 @@ def load_by_motion(exact_robot: ExactRobot, q: Array, velocity: Array, accelerat
 
     `exact_robot` is without gravity; q, velocity and acceleration: shape (k, nq). [rad or m, per s, per s^2]
     """
-    data, loads = exact_robot.model.createData(), np.empty((len(q), len(exact_robot.elastic)))
+    model, data = exact_robot.model, exact_robot.model.createData()
     place, rate, change = (values @ exact_robot.commanded.T for values in (q, velocity, acceleration))
-    for i in range(len(q)):
-        torque = pin.rnea(exact_robot.model, data, place[i] + exact_robot.shift, rate[i], change[i])
-        loads[i] = -torque[exact_robot.elastic]
-    return loads
+    torques = np.empty((len(q), model.nv))
+    for torque, *motion in zip(torques, place + exact_robot.shift, rate, change, strict=True):
+        torque[:] = pin.rnea(model, data, *motion)
+    return -torques[:, exact_robot.elastic]

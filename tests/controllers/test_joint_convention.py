@@ -13,7 +13,7 @@ from compplan.controllers.writers.joint_convention import (
     from_controller,
     krl_status,
     load_controller,
-    locate_link,
+    locate_links,
     name_words,
     to_controller,
 )
@@ -38,7 +38,7 @@ def test_every_robot_counts_there_and_back(name: str) -> None:
     controller = load_controller(robot)
     q = random_q(robot)
     assert np.abs(from_controller(controller, to_controller(controller, q)) - q).max() < 1e-13
-    for values in name_words(controller, robot, q).values():
+    for values in name_words(controller, robot, q, locate_links(robot, q)).values():
         assert len(set(values.tolist())) == 2
 
 
@@ -59,7 +59,7 @@ def test_links_are_located_where_the_chain_has_them(name: str) -> None:
     robot = load_robot(name)
     q = random_q(robot, 10)
     frames = locate_frames(build_chain(robot), q)
-    pose = locate_link(robot, q, robot.tcp)
+    pose = locate_links(robot, q)[robot.tcp]
     assert pose[:, :3, 3] == pytest.approx(frames.tcp_position, abs=1e-12)
     assert pose[:, :3, :3] == pytest.approx(frames.tcp_rotation, abs=1e-12)
 
@@ -68,14 +68,14 @@ def test_the_status_of_a_kuka_tells_its_three_words_apart() -> None:
     robot = load_robot("kuka_kr270")
     controller = load_controller(robot)
     q = random_q(robot, 400)
-    status = krl_status(controller, name_words(controller, robot, q))
+    status = krl_status(controller, name_words(controller, robot, q, locate_links(robot, q)))
     assert status is not None and set(status.tolist()) <= set(range(8))
     counted = to_controller(controller, q)
     assert np.array_equal(status & 4 > 0, counted[:, 4] < 0)
     phi = -np.degrees(np.arctan2(0.041, 1.2))
     clear = np.abs(counted[:, 2] - phi) > 0.01
     assert np.array_equal((status & 2 > 0)[clear], (counted[:, 2] > phi)[clear])
-    shoulder = locate_link(robot, q, "link_5")[:, :2, 3]
+    shoulder = locate_links(robot, q)["link_5"][:, :2, 3]
     behind = np.cos(q[:, 0]) * shoulder[:, 0] + np.sin(q[:, 0]) * shoulder[:, 1] < 0
     assert np.array_equal(status & 1 > 0, behind)
 
@@ -113,7 +113,7 @@ def test_cartesian_programs_go_through_the_geometry_that_the_controller_believes
     (folder / "robot.urdf").write_text(text.replace('<origin xyz="0.24 0 0"/>', '<origin xyz="0.241 0 0"/>'))
     robot = load_robot(folder)
     q = random_q(robot, 5)
-    real, believed = (locate_link(each, q, robot.tcp)[:, :3, 3] for each in (robot, controller_robot(robot)))
+    real, believed = (locate_links(each, q)[robot.tcp][:, :3, 3] for each in (robot, controller_robot(robot)))
     assert np.linalg.norm(real - believed, axis=1) == pytest.approx(0.001)
 
 
@@ -127,7 +127,9 @@ def test_a_measured_folder_keeps_the_geometry_that_its_controller_believes_where
     assert not (tmp_path / "same" / "controller.urdf").exists()
     written = load_robot(tmp_path / "moved")
     q = random_q(nominal, 5)
-    real, believed, before = (locate_link(r, q, r.tcp)[:, :3, 3] for r in (written, controller_robot(written), nominal))
+    real, believed, before = (
+        locate_links(r, q)[r.tcp][:, :3, 3] for r in (written, controller_robot(written), nominal)
+    )
     assert believed == pytest.approx(before, abs=1e-12)
     assert np.linalg.norm(real - before, axis=1) == pytest.approx(0.001)
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.controllers.readback.poses import Move
-from compplan.controllers.writers.joint_convention import JointConvention, measure_words
+from compplan.controllers.writers.joint_convention import JointConvention, locate_links, measure_words
 from compplan.robot import Array, Robot
 
 #: Distance to a change of turn below which either turn is accepted. [deg]
@@ -47,7 +47,7 @@ def read_words(counting: JointConvention, robot: Robot, q: Array) -> dict[str, P
     """Return the configuration words of postures. Shape (n, nq). [rad or m]"""
     return {
         key: PostureWord(values, distance > DOUBTFUL, counting.words[key].status, counting.words[key].native)
-        for key, (values, distance) in measure_words(counting, robot, q).items()
+        for key, (values, distance) in measure_words(counting, robot, q, locate_links(robot, q)).items()
     }
 
 

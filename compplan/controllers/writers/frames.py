@@ -59,7 +59,7 @@ def compute_tool_mass(robot: Robot) -> tuple[float | None, Array]:
     """Return mass [kg] and centre [m] of the bodies on the flange, flange frame; None where no mass is stated."""
     links = [robot.base, *(joint.child for joint in robot.joints)]
     beyond = links[links.index(robot.flange) :]
-    poses = locate_links(robot, np.zeros((1, robot.nq)), beyond)
+    poses = locate_links(robot, np.zeros((1, robot.nq)))
     mass, moment = 0.0, np.zeros(3)
     for body in robot.bodies:
         if body.link in beyond:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Literal
@@ -196,47 +196,34 @@ def from_controller(controller: JointConvention, joints: Array) -> Array:
     return np.where(controller.prismatic, degrees * 1e-3, np.radians(degrees))
 
 
-def locate_link(robot: Robot, q: Array, link: str) -> Array:
-    """Return the pose of a link's frame, unloaded, base frame. Shape (n, nq) -> (n, 4, 4) [m]."""
-    return locate_links(robot, q, [link])[link]
-
-
-def locate_links(robot: Robot, q: Array, links: Sequence[str] | None = None) -> dict[str, Array]:
-    """Return the poses of the frames of the base and some links, unloaded, base frame. Shape (n, nq) -> (n, 4, 4) [m].
-
-    links: names of the links (default: all).
-
-    Raises:
-        InputError: If the chain has no such link.
-    """
+def locate_links(robot: Robot, q: Array) -> dict[str, Array]:
+    """Return the poses of the frames of all links, unloaded, base frame. Shape (n, nq) -> (n, 4, 4) [m]."""
     poses = follow_joints(robot.base, robot.joints, dict(zip(robot.joint_names, q.T, strict=True)))
-    links = [joint.child for joint in robot.joints] if links is None else links
-    if missing := [link for link in links if link not in poses]:
-        raise InputError(f"no link named {missing[0]!r}, choose from {[joint.child for joint in robot.joints]}")
-    return {link: np.broadcast_to(poses[link], (len(q), 4, 4)) for link in (robot.base, *links)}
+    return {link: np.broadcast_to(pose, (len(q), 4, 4)) for link, pose in poses.items()}
 
 
-def find_bend(robot: Robot, q: Array) -> NDArray[np.bool_] | None:
+def find_bend(robot: Robot, poses: Mapping[str, Array]) -> NDArray[np.bool_] | None:
     """Return the sign of the wrist bend of a six-axis arm; it changes where fourth and last axis are in line.
 
     It is the sign of a5 . (a4 x a6), with the unit vectors of the last three axes. None for other arms. Shape (n,).
+    poses: those of `locate_links`.
     """
     turning = [joint for joint in robot.joints[robot.carrying :] if joint.actuated and joint.kind != "prismatic"]
     if len(turning) != 6:
         return None
-    poses = locate_links(robot, q, [joint.child for joint in turning[3:]])
     fourth, fifth, sixth = (poses[joint.child][:, :3, :3] @ joint.axis for joint in turning[3:])
     return np.asarray(np.einsum("ni,ni->n", fifth, np.cross(fourth, sixth)) >= 0.0)
 
 
-def measure_words(controller: JointConvention, robot: Robot, q: Array) -> dict[str, tuple[NDArray[np.str_], Array]]:
+def measure_words(
+    controller: JointConvention, robot: Robot, q: Array, poses: Mapping[str, Array]
+) -> dict[str, tuple[NDArray[np.str_], Array]]:
     """Return the value of each configuration word, and its distance from the threshold [deg or mm]. Shapes (n,) each.
 
-    The values are names: {"elbow": (["up", ...], [12.3, ...]), ...}.
+    The values are names: {"elbow": (["up", ...], [12.3, ...]), ...}. q: joint positions, shape (n, nq) [rad or m];
+    poses: those of `locate_links`.
     """
     found: dict[str, tuple[NDArray[np.str_], Array]] = {}
-    links = [link for word in controller.words.values() if word.joint is None for link in (word.frame, word.point)]
-    poses = locate_links(robot, q, [link or "" for link in links])
     for key, word in controller.words.items():
         if word.joint is not None:
             turned = (np.degrees(q[:, robot.joint_names.index(word.joint)]) - word.threshold_deg + 180.0) % 360.0
@@ -250,9 +237,11 @@ def measure_words(controller: JointConvention, robot: Robot, q: Array) -> dict[s
     return found
 
 
-def name_words(controller: JointConvention, robot: Robot, q: Array) -> dict[str, NDArray[np.str_]]:
+def name_words(
+    controller: JointConvention, robot: Robot, q: Array, poses: Mapping[str, Array]
+) -> dict[str, NDArray[np.str_]]:
     """Return the value of each configuration word at every waypoint: {"elbow": ["up", ...], ...}."""
-    return {key: values for key, (values, _) in measure_words(controller, robot, q).items()}
+    return {key: values for key, (values, _) in measure_words(controller, robot, q, poses).items()}
 
 
 def native_words(counting: JointConvention, words: Mapping[str, NDArray[np.str_]]) -> dict[str, NDArray[np.str_]]:

@@ -16,7 +16,7 @@ from compplan.controllers.writers.joint_convention import (
     find_bend,
     krl_status,
     load_controller,
-    locate_link,
+    locate_links,
     name_words,
     native_words,
     to_controller,
@@ -240,10 +240,8 @@ def build_program(
         InputError: If controller.toml or controller.urdf of the robot's folder is not valid.
     """
     believed, controller = controller_robot(robot), load_controller(robot)
-    words, limits, joints = name_words(controller, robot, q), robot.velocity_limits, to_controller(controller, q)
-    tip = locate_link(believed, q, robot.tcp)
-    turned = flange_turn(robot)
-    flange = locate_link(believed, q[:1], robot.flange) @ turned
+    limits, joints, poses = robot.velocity_limits, to_controller(controller, q), locate_links(believed, q)
+    words, tip, turned = name_words(controller, believed, q, poses), poses[robot.tcp], flange_turn(robot)
     mass, centre = compute_tool_mass(robot)
     return Program(
         name=name,
@@ -254,7 +252,7 @@ def build_program(
         words=words,
         native=native_words(controller, words),
         status=krl_status(controller, words),
-        bent=find_bend(believed, q),
+        bent=find_bend(believed, poses),
         unchecked=controller.unchecked,
         controller=controller.name,
         prismatic=robot.prismatic,
@@ -263,7 +261,7 @@ def build_program(
         exact=exact,
         time=time,
         tcp=tip,
-        tool=np.linalg.inv(flange[0]) @ tip[0],
+        tool=np.linalg.inv(poses[robot.flange][0] @ turned) @ tip[0],
         part=np.eye(4) if part is None else np.asarray(part, dtype=np.float64),
         carries=robot.carriers,
         mass=mass,
