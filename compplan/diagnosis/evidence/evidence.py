@@ -89,7 +89,8 @@ class Posterior:
     columns: NDArray[np.int_]  #: Active columns.
     mean: Array  #: Posterior means, in units of their scale. Shape (active,).
     hyper: Hyper  #: Noise and background.
-    compute_covariance: Callable[[], Array]  #: Computes the covariance on request, since few models need it.
+    #: Computes the covariance on request: few models need it, and a search holds hundreds of posteriors.
+    compute_covariance: Callable[[], Array]
 
     @cached_property
     def covariance(self) -> Array:
@@ -130,7 +131,7 @@ def find_posterior(
     channels, loose, variance = equations.channels, _loose(prior, hyper), _Variance(prior)
     rows = gather_products(channels, prior.active)
     if not fit:
-        return _conclude(prior, channels, rows.solve(variance.at(hyper.log_tau), hyper), hyper)
+        return _conclude(prior, channels, rows.solve(variance.at(hyper.log_tau), hyper))
     bounds = (
         [(EVIDENCE.log_range[0], _most_noise(ch)) for ch in channels]
         + [EVIDENCE.log_range] * len(channels)
@@ -167,7 +168,7 @@ def find_posterior(
     found = minimize(cost, first, jac=True, method="L-BFGS-B", bounds=limits, options=options, callback=stop_converged)
     hyper = hyper.with_vector(found.x * unit)
     done = latest.get(found.x.tobytes()) or rows.solve(variance.at(hyper.log_tau), hyper)
-    return _conclude(prior, channels, done, hyper)
+    return _conclude(prior, channels, done)
 
 
 def drop_negative(
@@ -184,9 +185,15 @@ def drop_negative(
         posterior = find_posterior(equations, prior, posterior.hyper, fit=False)
 
 
-def _conclude(prior: Prior, channels: Sequence[ChannelProducts], done: SolvedColumns, hyper: Hyper) -> Posterior:
+def _conclude(prior: Prior, channels: Sequence[ChannelProducts], done: SolvedColumns) -> Posterior:
+    hyper = done.hyper
     extra = _hyperprior(channels, hyper, _loose(prior, hyper))[0]
-    return Posterior(done.value + extra, prior.active, done.mean, hyper, done.compute_covariance())
+
+    def compute_covariance() -> Array:
+        rows = gather_products(channels, prior.active)
+        return rows.solve(_Variance(prior).at(hyper.log_tau), hyper).compute_covariance()
+
+    return Posterior(done.value + extra, prior.active, done.mean, hyper, compute_covariance)
 
 
 class _Variance:

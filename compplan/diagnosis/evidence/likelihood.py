@@ -14,7 +14,7 @@ Where every stay has one row, the means are the rows: one product with the sum o
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -120,10 +120,9 @@ class SolvedColumns:
     mean: Array
     pull: Array
 
-    def compute_covariance(self) -> Callable[[], Array]:
-        """Return a function that computes the covariance of the columns without the products. Shape (a, a)."""
-        lower, deviation = self.lower, self.deviation
-        return lambda: mirror_lower(_covariance_triangle(lower, deviation))
+    def compute_covariance(self) -> Array:
+        """Return the covariance of the columns. Shape (a, a)."""
+        return mirror_lower(_covariance_triangle(self.lower, self.deviation))
 
     def slopes(self) -> tuple[Array, Array, Array]:
         """Return the derivatives of the log likelihood by log noise, log shared error, and the columns' variances.

@@ -101,12 +101,6 @@ class SolvedMeans:
     information: Array
     noise: Array
 
-    def covariance(self, least: Array) -> Array:
-        """Return the covariance with least prior variances (k,), for errors that the poses do not show."""
-        deviation = np.sqrt(np.maximum(self.variance, least))
-        inner = self.information * np.outer(deviation, deviation) + np.eye(len(deviation))
-        return mirror_lower(invert_factor(factorize(inner))) * np.outer(deviation, deviation)
-
 
 @dataclass(frozen=True, eq=False)
 class Calibration:
@@ -126,8 +120,15 @@ def calibrate(folds: Folds, claims: Sequence[Claim]) -> Calibration:
     usual = (EVIDENCE.tau_scale * fit.search.prior.spread) ** 2
 
     def find(solved: SolvedMeans) -> Posterior:
-        columns, hyper = solved.means.columns, fit.model.posterior.hyper
-        return Posterior(0.0, columns, solved.mean, hyper, lambda: solved.covariance(usual[columns]))
+        # errors that the poses do not show have at least their usual variance
+        columns, information = solved.means.columns, solved.information
+        deviation = np.sqrt(np.maximum(solved.variance, usual[columns]))
+
+        def compute_covariance() -> Array:
+            inner = information * np.outer(deviation, deviation) + np.eye(len(deviation))
+            return mirror_lower(invert_factor(factorize(inner))) * np.outer(deviation, deviation)
+
+        return Posterior(0.0, columns, solved.mean, fit.model.posterior.hyper, compute_covariance)
 
     parts = {number: find(solve_means(means, folds.fold[means.row] != number, near)) for number in folds.numbers}
     return Calibration(tuple(claim.signature for claim in claims), find(whole), parts)
