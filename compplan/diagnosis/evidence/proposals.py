@@ -214,7 +214,7 @@ def _match_waves(
     """Select waves one by one, refitting all after each, while the gain exceeds chance."""
     picked: list[float] = []
     grid, total = spectrum.grid, float(weight.sum())
-    smooth, rest = _take_out_line(angle, pull, weight)
+    columns, rest = _take_out_line(angle, pull, weight)
     # products of sine and cosine, from those of twice the angle
     double = spectrum.double_sums(weight)
     sines, cosines = (0.5 * (total + sign * double.real) + 1e-9 * total for sign in (-1.0, 1.0))
@@ -229,7 +229,7 @@ def _match_waves(
         if gain[best] < beats_chance(len(grid)):
             break
         picked.append(float(grid[best]))
-        columns = np.column_stack([smooth, waves(angle, picked, slides)])
+        columns = np.column_stack([columns, waves(angle, picked[-1:], slides)])
         rest = pull - weight * (columns @ _weighted_fit(columns, pull, weight))
     return picked
 
