@@ -59,11 +59,11 @@ def state_uncertainty(folds: Folds, found: Calibration, state: FitState, held: H
     absent = np.array([state.values.get(equations.names[c], 0.0) == 0.0 for c in columns], bool)
     missing = np.where(absent, posterior.mean[at], 0.0)
     rows = equations.source[0].rows
-    slopes = equations.designs[0] * equations.source[0].sigma[:, :, None]
-    model = spread_held_out(folds, np.ones(len(rows), bool), slopes[..., columns], np.outer(missing, missing))
+    design, sigma = equations.designs[0], equations.source[0].sigma[:, :, None]
+    model = spread_held_out(folds, np.ones(len(rows), bool), design[..., columns] * sigma, np.outer(missing, missing))
     for number, without in found.without_fold.items():  # a prediction errs by the posterior without its pose
         test = folds.fold[rows] == number
-        model += spread_held_out(folds, test, slopes[test][..., without.columns], without.covariance)
+        model += spread_held_out(folds, test, design[test][..., without.columns] * sigma[test], without.covariance)
     covariance = (posterior.covariance[np.ix_(at, at)] + np.outer(missing, missing)) * np.outer(scale, scale)
     named, root = spread_unknowns(unknowns, covariance)
     name = fit.problem.campaign.file.name if fit.problem.campaign.file else "a campaign"
