@@ -115,10 +115,12 @@ def _round(
         if not fresh:
             break
         before, equations = fit.model.score, extend_normal_equations(fit.search.equations, fresh)
-        held = replace(fit.state, claims=claims_of(fit))
+        held, proposed = replace(fit.state, claims=claims_of(fit)), {key_of(s) for s in fresh}
+        # the motions of the proposals and the products before them take as much memory as the search
+        del fit, fresh
         fit = _search_equations(problem, held, at, channels, equations, noises)
         claimed = {key_of(fit.search.equations.signatures[n]) for n in fit.model.signatures}
-        if fit.model.score < before + SEARCH.least_gain or not claimed & {key_of(s) for s in fresh}:
+        if fit.model.score < before + SEARCH.least_gain or not claimed & proposed:
             break
     return fit, proposed_signatures(fit.search.equations.signatures)
 
