@@ -20,7 +20,14 @@ from numpy.typing import NDArray
 from compplan.learning.candidates import Candidates, observe_rows
 from compplan.measurement.distance import band_radius
 from compplan.measurement.observations import Observations
-from compplan.measurement.pose_selection import exchange_choice, learn_rows, measure_gains, take_greedily, weight_rows
+from compplan.measurement.pose_selection import (
+    exchange_choice,
+    learn_rows,
+    measure_gains,
+    offer_once,
+    take_greedily,
+    weight_rows,
+)
 from compplan.planning.posture.clearance import measure_margin
 from compplan.planning.posture.collision_scene import CollisionScene
 from compplan.robot import Array, Robot
@@ -141,12 +148,8 @@ def choose_measurements(design: Design, candidates: Candidates, count: int, star
         learn_rows(before, rows[first], design.noise), rows, design.noise,
     )  # fmt: skip
     posture = np.unique(candidates.q, axis=0, return_inverse=True)[1].reshape(-1)
-
-    def worth_new(taken: list[int]) -> Array:
-        """Offer each posture once: a diagnosis validates itself on postures that it leaves out."""
-        return np.where(np.isin(posture, posture[taken]), -np.inf, worth(taken))
-
-    chosen = exchange_choice(worth_new, take_greedily(worth_new, count - len(first)))
+    worth = offer_once(worth, posture)  # a diagnosis validates itself on postures that it leaves out
+    chosen = exchange_choice(worth, take_greedily(worth, count - len(first)))
     return evaluate_choice(design, rows, [*first, *(number for number, _ in chosen)], before)
 
 

@@ -39,6 +39,11 @@ def take_greedily(worth: Gains, count: int) -> list[int]:
     return [number for number, _ in grow_choice(worth, count)]
 
 
+def offer_once(worth: Gains, group: NDArray[np.int_]) -> Gains:
+    """Return gains that offer one candidate of each group only; group: that of each candidate. Shape (m,)."""
+    return lambda taken: np.where(np.isin(group, group[taken]), -np.inf, worth(taken))
+
+
 def exchange_choice(worth: Gains, taken: Sequence[int]) -> list[tuple[int, float]]:
     """Improve a selection by exchanges, and order it greedily; return each candidate and its gain."""
     chosen = exchange_taken(worth, taken)

@@ -33,7 +33,8 @@ TOOL = 3e-5
 HELD = 0.3
 #: Unmodelled error of a robot without measurements: rms distance and correlation length (assumed). [m]
 UNEXPLAINED, SCALE = 5e-5, 0.3
-#: Default repeatability per axis (assumed, as in [noise]). [m]
+#: Default repeatability per axis (assumed, as in [noise]: 30 to 120 um stated by makers are three standard deviations
+#: of a distance). [m]
 REPEATABILITY = 2e-5
 #: Factor on the 6x6 elasticity of a link: an unknown that is not an effect of the vocabulary.
 LINK_ELASTICITY, RATIO = "link_elasticity", "compliance_change_ratio"

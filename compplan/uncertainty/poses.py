@@ -12,7 +12,7 @@ from compplan.effects import solve_model_poses
 from compplan.effects.linearization import linearize_model
 from compplan.errors import ConvergenceError
 from compplan.measurement.campaign import Campaign
-from compplan.measurement.pose_selection import measure_gains, take_greedily, weight_rows
+from compplan.measurement.pose_selection import measure_gains, offer_once, take_greedily, weight_rows
 from compplan.robot import Array, Robot
 from compplan.robot.pose import rigid_columns
 from compplan.robot.uncertainty import Uncertainty
@@ -115,8 +115,6 @@ def observe_poses(
         lambda mean, covariance, rows: measure_gains(covariance, rows, weight, variance),
         np.eye(len(weight)), rows, variance,
     )  # fmt: skip
-    taken = take_greedily(
-        lambda taken: np.where(np.isin(posture, posture[taken]), -np.inf, worth(taken)), min(count, k)
-    )
+    taken = take_greedily(offer_once(worth, posture), min(count, k))
     seen, hidden = slopes[taken].reshape(-1, r), frames[taken].reshape(-1, frames.shape[2])
     return np.asarray(seen - hidden @ np.linalg.lstsq(hidden, seen, rcond=1e-9)[0])
