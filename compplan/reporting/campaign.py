@@ -249,6 +249,6 @@ def _list_poses(campaign: PoseCampaign) -> DataTable:
              *(float(v) for v in 1e3 * poses.tip[k])]
         )  # fmt: skip
     joints = [f"q{k + 1} [{'mm' if slides else 'deg'}, 5]" for k, slides in enumerate(robot.prismatic)]
-    columns = ["pose", "rank", *joints, "joints come", "weight", "pull [base axes]", *(f"{a} [mm, 5]" for a in "xyz")]
+    columns = ["pose", "rank", *joints, "approach", "weight", "pull [base axes]", *(f"{a} [mm, 5]" for a in "xyz")]
     caption = "Rank 1 narrows the band most. x, y, z: loaded tool tip, base frame."
     return DataTable(columns, rows, caption, scroll=24)

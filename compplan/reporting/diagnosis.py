@@ -54,7 +54,7 @@ DIGITS = {"mm": 3, "deg": 4}
 #: Greatest number of drawn residual vectors.
 VECTORS = 900
 #: Descriptions of the kinds of robot folders.
-DELIVERED = {"nominal": "the nominal robot as it was", "calibrated": "all that a calibration finds, named or not"}
+DELIVERED = {"nominal": "nominal robot, unchanged", "calibrated": "calibrated robot: all estimated errors"}
 
 
 def deliver_diagnosis(
@@ -314,7 +314,7 @@ def _show_calibration(assessment: Assessment) -> Section:
         text = "Every length and direction; lengths in axes of the parent link, tool and base in their own"
         caption = "Intervals hold 95 %. Parameters that these poses do not determine are left out."
         every = _list_corrections(others, caption)
-        blocks.append(Fold(text, every) if every else "No zero, length or direction is sure enough to be entered.")
+        blocks.append(Fold(text, every) if every else "No length or direction is certain enough to be entered.")
     else:
         blocks.append("The nominal robot is delivered as it is: there is nothing to enter.")
     return Section("For the controller", [*blocks, _list_frames(assessment.frames)])
