@@ -31,7 +31,7 @@ from compplan.reporting import diagnosis_text as words
 from compplan.reporting.charts import Bars, Figure, draw_bars, thin_rows
 from compplan.reporting.diagnosis_text import describe_change, describe_effect, describe_parameters, name_effect
 from compplan.reporting.page import Block, Cell, Chart, DataTable, Fold, Section, Summary, render_page
-from compplan.reporting.provenance import describe_robot, explain_grade
+from compplan.reporting.provenance import describe_robot
 from compplan.reporting.scenes import (
     add_path,
     add_shapes,
@@ -154,7 +154,7 @@ def render_diagnosis(
         f"{robot.name}: diagnosis",
         open_diagnosis(verdict, gap, kind, picture, todo, split.shares.by_place[CALIBRATION].share),
         [section for section in sections if section.blocks], kind=f"Diagnosis of {name}",
-        notes=[*notes, f"Robot model: {explain_grade(robot)}."],
+        notes=notes,
         provenance=describe_robot(robot, _list_facts(diagnosis, rows)),
     )  # fmt: skip
 

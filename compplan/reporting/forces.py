@@ -284,7 +284,7 @@ def _show_engagement(found: ForcePrediction, cut: Engagement, stations: Stations
     depth = {"axial depth": 1e3 * _leave_out_air(found, cut.axial),
              "radial width": 1e3 * _leave_out_air(found, cut.radial)}  # fmt: skip
     arc = np.degrees(cut.arc)
-    colours, caption = (AFTER, BEFORE), "Axial depth and radial width of what the cutter meets."
+    colours, caption = (AFTER, BEFORE), "Axial depth and radial width of the cut."
     angles = {"first": arc[:, 0], "last": arc[:, 1]}
     turn = "First and last engaged angle, from the travel to the left; none in the air."
     return [

@@ -127,7 +127,7 @@ def _show_path(run: Run) -> Section:
 
 
 def _show_sensitivity(found: Sensitivity, strategy: str) -> Section:
-    rows = [[group.replace("_", " "), *(round(float(found.total[name][k]), 3) for name in found.total)]
+    rows = [[group.replace("_", " "), *(round(float(found.total[name][k]), 2) for name in found.total)]
             for k, group in enumerate(found.groups)]  # fmt: skip
     heads = ["total index", *(f"{name_strategy(name)} [, 2]" for name in found.total)]
     caption = (
