@@ -7,15 +7,17 @@ from dataclasses import replace
 
 import numpy as np
 
-from compplan.reporting.maps.pictures import draw_lines
+from compplan.io.display import Curve, Curves
+from compplan.io.palette import CATEGORIES
+from compplan.reporting.page import Picture
 from compplan.reproduce.correction_loop import LITERAL, WITHOUT_DERIVATIVE, fitted_loop, largest_pole, simulate_loops
 from compplan.reproduce.paper import (
-    PaperFigure,
     Reproduction,
     Row,
     cannot,
     compare,
     describe_paper,
+    draw_figure,
     recompute,
     statement,
     unavailable,
@@ -220,58 +222,32 @@ def _rows_of_loop() -> list[Row]:
     ]  # fmt: skip
 
 
-def _figures(robot: Robot, single: Robot, lateral: Array) -> list[PaperFigure]:
+def _figures(robot: Robot, single: Robot, lateral: Array) -> list[Picture]:
     forces = np.linspace(0, FIG_7_FORCE, 8)
     moved, plain = (np.array([displace(r, FIG_7_DEG, [0, float(f), 0]) for f in forces]) * 1e3 for r in (robot, single))
-    lines = [
-        (f"{axis}, {name}", forces, values[:, k], style)
+    lines = tuple(
+        Curve(f"{axis}, {name}", forces, values[:, k], k + dashed, "lines+markers")
         for k, axis in ((0, "x"), (1, "y"))
-        for name, values, style in (("enhanced", moved, "o-"), ("one spring a joint", plain, "s--"))
-    ]
+        for name, values, dashed in (("enhanced", moved, 0), ("one spring a joint", plain, len(CATEGORIES)))
+    )
     time, responses = simulate_loops()
     q = grid_postures(robot)
     compliance = cartesian_compliance(build_chain(robot), q)
     x = locate_frames(build_chain(robot), q).tcp_position[:, 0]
-    order = np.argsort(x)
-    diagonal = [
-        (axis, x[order], compliance[order, k, k] * 1e6, ".") for k, axis in enumerate(("along x", "along y", "along z"))
-    ]
+    diagonal = tuple(Curve(f"along {'xyz'[k]}", x, compliance[:, k, k] * 1e6, k, "markers") for k in range(3))
+    errors = (Curve("enhanced model", np.degrees(lateral[:, 0]), lateral[:, 1] * 1e3, 0),)
+    loops = tuple(Curve(name, time, np.clip(v, -1.5, 1.5), k) for k, (name, v) in enumerate(responses.items()))
     return [
-        PaperFigure(
-            "Figs. 8 and 9",
-            draw_lines("Posture of Fig. 7 under a force along y", "force [N]", "displacement [mm]", lines),
-            "At the tool tip. Only the extra spring, shifted 400 mm, moves the tool along x.",
-        ),
-        PaperFigure(
-            "Compliance over the work area",
-            draw_lines("Compliance on the 0.6 m grid", "x [m]", "compliance [µm/N]", diagonal),
-            "Tool down, z = 0.1 m. Lateral compliance hangs on the one digit of k5 and on the tool length.",
-        ),
-        PaperFigure(
-            "Error before correction over the direction of the lateral force",
-            draw_lines(
-                "Deflection at the part's centre",
-                "direction of the lateral force [deg]",
-                "deflection [mm]",
-                [
-                    ("enhanced model", np.degrees(lateral[:, 0]), lateral[:, 1] * 1e3, "-"),
-                    ("largest measured in the paper", np.array([0.0, 360.0]), np.array([3.84, 3.84]), "--"),
-                ],
-            ),
-            f"{AXIAL_N:.0f} N along z and {LATERAL_N:.0f} N sideways.",
-        ),
-        PaperFigure(
-            "Response of the control loop",
-            draw_lines(
-                "Remaining error after a load of 1 mm deflection",
-                "time [s]",
-                "error [mm]",
-                [
-                    (name, time, values, style)
-                    for (name, values), style in zip(responses.items(), ("-", "--", ":"), strict=True)
-                ],
-                lambda axis: axis.set_ylim(-1.5, 1.5),
-            ),
-            "The literal law grows without bound; without derivative, or with a fitting plant, the error dies away.",
-        ),
-    ]
+        draw_figure("Figs. 8 and 9: posture of Fig. 7 under a force along y",
+                    Curves("", "force [N]", "displacement [mm]", lines),
+                    "At the tool tip. Only the extra spring, shifted 400 mm, moves the tool along x."),
+        draw_figure("Compliance over the work area", Curves("", "x [m]", "compliance [µm/N]", diagonal),
+                    "Tool down, z = 0.1 m. Lateral compliance depends on the one digit of k5 and on the tool length."),
+        draw_figure("Error before correction over the direction of the lateral force",
+                    Curves("", "direction of the lateral force [deg]", "deflection [mm]", errors,
+                           (3.84, "largest measured in the paper")),
+                    f"At the part's centre, {AXIAL_N:.0f} N along z and {LATERAL_N:.0f} N sideways."),
+        draw_figure("Response of the control loop", Curves("", "time [s]", "remaining error [mm]", loops),
+                    "After a load of 1 mm deflection. The literal law grows without bound (clipped); without "
+                    "derivative, or with a fitting plant, the error dies away."),
+    ]  # fmt: skip

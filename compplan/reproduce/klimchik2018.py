@@ -9,8 +9,8 @@ import numpy as np
 from scipy.optimize import brentq
 
 from compplan.identification import reduce_model
-from compplan.reporting.maps.pictures import draw_shares
-from compplan.reproduce.paper import CLOSE, PaperFigure, Reproduction, Row, compare, describe_paper, statement
+from compplan.reporting.page import Picture
+from compplan.reproduce.paper import CLOSE, Reproduction, Row, compare, describe_paper, draw_shares, statement
 from compplan.robot import Array, LinkElasticity, Robot
 from compplan.robot.elasticity import hollow_beam_compliance
 from compplan.statics.chain import build_chain, joint_jacobian, locate_frames
@@ -209,11 +209,9 @@ def _rows_of_table(wall: float, found: Strategies) -> list[Row]:
     return rows
 
 
-def _figure(found: Strategies) -> PaperFigure:
+def _figure(found: Strategies) -> Picture:
     shares = {"primary encoders": found.primary, "secondary encoders": found.secondary,
               "both combined": found.combined, "stiffness model": found.model}  # fmt: skip
-    return PaperFigure(
-        "Fig. 3b, load of 100 kg in every direction",
-        draw_shares("Position error", "error [mm]", {name: 1e3 * values for name, values in shares.items()}, "poses"),
-        "Random poses above the floor. One share is fitted, the rest follows.",
-    )
+    caption = "Random poses above the floor. One share is fitted, the rest follows."
+    errors = {name: 1e3 * values for name, values in shares.items()}
+    return draw_shares("Fig. 3b, load of 100 kg in every direction", caption, "position error [mm]", "poses", errors)
