@@ -78,10 +78,10 @@ def without_side_spring(robot: Robot) -> Robot:
     return replace(robot, name=f"{robot.name}, one spring a joint", springs=own)
 
 
-def displace(robot: Robot, q_deg: tuple[float, ...], force: list[float] | Array, moment: float = 0.0) -> Array:
+def displace(robot: Robot, q_deg: tuple[float, ...], force: list[float] | Array) -> Array:
     """Compute the displacement of the TCP at a posture under a force. Shape (3,). [m]"""
     chain, q = build_chain(robot), np.radians([q_deg])
-    loaded = solve_equilibrium(chain, q, np.array([*force, 0.0, 0.0, moment]))
+    loaded = solve_equilibrium(chain, q, np.array([*force, 0.0, 0.0, 0.0]))
     return np.asarray((loaded.position - solve_equilibrium(chain, q).position)[0])
 
 
@@ -95,12 +95,12 @@ def error_over_direction(robot: Robot) -> Array:
     return np.column_stack([angle, size])
 
 
-def grid_postures(robot: Robot, height: float = 0.1, side: float = 0.6) -> Array:
+def grid_postures(robot: Robot) -> Array:
     """Solve postures on a 0.6 m grid of about 200 points around the part, tool down. Shape (n, 6). [rad]"""
-    arm, steps = build_arm(robot), np.linspace(-side / 2, side / 2, 14)
+    arm, steps = build_arm(robot), np.linspace(-0.3, 0.3, 14)
     x, y = (values.ravel() for values in np.meshgrid(CENTRE[0] + steps, steps))
     turn = np.tile(np.array([[1.0, 0, 0], [0, -1, 0], [0, 0, -1]]), (x.size, 1, 1))
-    slots = solve_branches(arm, np.column_stack([x, y, np.full(x.size, height)]), turn)
+    slots = solve_branches(arm, np.column_stack([x, y, np.full(x.size, 0.1)]), turn)
     q = slots[:, int(name_configuration(arm, np.radians([CENTRE_DEG]))[0])]
     return np.asarray(q[np.isfinite(q).all(axis=1)])
 
