@@ -166,8 +166,7 @@ def linearize_model(
     chain = build_chain(probed)
     coordinates = spring_coordinates(probed)
     theta = np.zeros((len(attained.q), chain.n_springs))
-    for old, new in _shared_coordinates(robot):
-        theta[:, new] = attained.theta[:, old]
+    theta[:, np.setdiff1d(np.arange(chain.n_springs), coordinates[len(robot.springs) :])] = attained.theta
     if model.growth.any():
         segment = np.searchsorted(chain.joint_elements, np.arange(len(chain.names)))
         chain = replace(chain, position=chain.position * (1.0 + model.growth)[:, segment, None])
@@ -225,16 +224,3 @@ def _with_mimics(attained: Attained, motion: Array) -> Array:
     for k, twist in zip(moving, np.moveaxis(element_twists(attained, moving, attained.target), 2, 0), strict=True):
         total[:, :, chain.q_index[k]] += chain.multiplier[k] * twist
     return total
-
-
-def _shared_coordinates(robot: Robot) -> list[tuple[int, int]]:
-    """Match the elastic coordinates of a robot with those of the robot with probe springs."""
-    pairs, old, new = [], 0, 0
-    for joint in robot.joints:
-        for count, following in (
-            (sum(spring.joint == joint.name for spring in robot.springs), len(AXES)),
-            (6 * sum(block.link == joint.child for block in robot.link_elasticities), 0),
-        ):
-            pairs += [(old + k, new + k) for k in range(count)]
-            old, new = old + count, new + count + following
-    return pairs

@@ -218,7 +218,7 @@ def find_inseparable(information: Array, parameters: Sequence[Parameter]) -> NDA
 def explain_held(
     log: Campaign, state: RowState, information: Array, parameters: Sequence[Parameter], free: NDArray[np.bool_]
 ) -> tuple[Inseparable, ...]:
-    """List the held parameters, the parameters that each cannot be separated from, and the reason."""
+    """List the parameters held fixed, each with the reason and the parameters it cannot be separated from."""
     sizes = np.array([parameter.size for parameter in parameters])
     found = []
     for k, mates in find_similar(information, sizes, free):

@@ -122,11 +122,11 @@ class Shown:
             The axes, to change or to save (`axes.figure.savefig("plan.png")`).
 
         Raises:
-            InputError: If the result has no picture.
+            InputError: If the result cannot be plotted.
         """
         curves = self.curves()
         if curves is None:
-            raise InputError(f"a {type(self).__name__} has no picture; print it, or to_dict()")
+            raise InputError(f"a {type(self).__name__} cannot be plotted; print it, or use to_dict()")
         if axes is None:
             import matplotlib.pyplot as plt
 

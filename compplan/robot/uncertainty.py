@@ -210,7 +210,7 @@ def read_uncertainty(file: Path) -> Uncertainty | None:
         if (first := seen.setdefault(place, index)) < index:
             raise InputError(f"repeats unknown[{first}], leave one out", file=file, where=where)
         if len(entry.deviation) != len(entry.keys):
-            message = f"has {len(entry.deviation)} numbers, expected {len(entry.keys)}, one a key"
+            message = f"has {len(entry.deviation)} numbers, expected {len(entry.keys)}, one per key"
             raise InputError(message, file=file, where=f"{where}.deviation")
         if len(set(entry.keys)) < len(entry.keys):
             raise InputError("names a parameter twice", file=file, where=f"{where}.keys")
@@ -266,7 +266,7 @@ def _check_factor(entry: UnknownTable, file: Path, where: str) -> list[tuple[flo
     if entry.factor is None:
         return [None] * len(entry.keys)
     if len(entry.factor) != len(entry.keys):
-        message = f"has {len(entry.factor)} rows, expected {len(entry.keys)}, one a key"
+        message = f"has {len(entry.factor)} rows, expected {len(entry.keys)}, one per key"
         raise InputError(message, file=file, where=f"{where}.factor")
     for row in entry.factor:
         if not 0 < len(row) <= 2 * MOST_UNKNOWN:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 Terms = list[tuple[int, "Array | float"]]
-"""A linear combination: which components, with which coefficients (numbers, or one a pose)."""
+"""A linear combination: which components, with which coefficients (numbers, or one per pose)."""
 
 Components = Sequence[Array] | Array
 """Three components, each of shape (n,) or (1,)."""

@@ -77,7 +77,8 @@ def read_motion(
     for key in ("lag_ms", "acceleration_lag_ms2", "lost_motion_deg"):
         given = getattr(table, key)
         if given is not None and len(given) != nq:
-            raise InputError(f"has {len(given)} numbers, expected {nq}, one a joint", file=file, where=f"motion.{key}")
+            message = f"has {len(given)} numbers, expected {nq}, one per joint"
+            raise InputError(message, file=file, where=f"motion.{key}")
         lists[key] = np.zeros(nq) if given is None else np.array(given, dtype=np.float64)
     velocity, acceleration = limits
     acceleration = np.where(np.isfinite(acceleration), acceleration, velocity / FULL_SPEED)
