@@ -98,7 +98,6 @@ def reproduce(load: Callable[[str], Robot]) -> Reproduction:
         ),
         rows=tuple(rows),
         figures=tuple(_figures(robot, quality, influence)),
-        samples={"stiffness": 1 / spread},
     )
 
 

@@ -68,7 +68,6 @@ def reproduce(load: Callable[[str], Robot]) -> Reproduction:
         ),
         rows=tuple(rows),
         figures=tuple(_figures(robot, single, lateral)),
-        samples={"lateral": lateral},
     )
 
 
@@ -79,20 +78,18 @@ def without_side_spring(robot: Robot) -> Robot:
 
 
 def displace(robot: Robot, q_deg: tuple[float, ...], force: list[float] | Array) -> Array:
-    """Compute the displacement of the TCP at a posture under a force. Shape (3,). [m]"""
-    chain, q = build_chain(robot), np.radians([q_deg])
-    loaded = solve_equilibrium(chain, q, np.array([*force, 0.0, 0.0, 0.0]))
-    return np.asarray((loaded.position - solve_equilibrium(chain, q).position)[0])
+    """Compute the displacement of the TCP at a posture under a force, or under each of n. Shape (3,) or (n, 3). [m]"""
+    chain, wrench = build_chain(robot), np.pad(np.atleast_2d(force), ((0, 0), (0, 3)))
+    q = np.tile(np.radians(q_deg), (len(wrench), 1))
+    moved = solve_equilibrium(chain, q, wrench).position - solve_equilibrium(chain, q).position
+    return moved.reshape(np.shape(force))
 
 
 def error_over_direction(robot: Robot) -> Array:
     """Compute the deflection at the part's centre over the direction of the lateral force: angle [rad] and size [m]."""
-    chain, angle = build_chain(robot), np.linspace(0, 2 * np.pi, 73)
+    angle = np.linspace(0, 2 * np.pi, 73)
     force = np.column_stack([LATERAL_N * np.cos(angle), LATERAL_N * np.sin(angle), np.full(73, AXIAL_N)])
-    q = np.tile(np.radians(CENTRE_DEG), (73, 1))
-    loaded = solve_equilibrium(chain, q, np.hstack([force, np.zeros((73, 3))]))
-    size = np.linalg.norm(loaded.position - solve_equilibrium(chain, q).position, axis=1)
-    return np.column_stack([angle, size])
+    return np.column_stack([angle, np.linalg.norm(displace(robot, CENTRE_DEG, force), axis=1)])
 
 
 def grid_postures(robot: Robot) -> Array:
@@ -103,12 +100,6 @@ def grid_postures(robot: Robot) -> Array:
     slots = solve_branches(arm, np.column_stack([x, y, np.full(x.size, 0.1)]), turn)
     q = slots[:, int(name_configuration(arm, np.radians([CENTRE_DEG]))[0])]
     return np.asarray(q[np.isfinite(q).all(axis=1)])
-
-
-def _force_slopes(lateral: Array) -> str:
-    """Format the range of the deflection per force over the direction of the lateral force."""
-    slope = 1e3 * lateral[:, 1] / np.hypot(AXIAL_N, LATERAL_N) * 1e3
-    return f"{slope.min():.2f} to {slope.max():.2f} mm/kN without it"
 
 
 def load_shares(robot: Robot, q_deg: tuple[float, ...], direction: tuple[float, ...]) -> dict[str, float]:
@@ -187,7 +178,7 @@ def _rows_of_grid(robot: Robot, single: Robot) -> list[Row]:
 
 def _rows_of_forming(lateral: Array) -> list[Row]:
     low, high = lateral[:, 1].min() * 1e3, lateral[:, 1].max() * 1e3
-    left = 1.13 / 3.84
+    left, slope = 1.13 / 3.84, 1e3 / np.hypot(AXIAL_N, LATERAL_N)  # [1, 1/kN]
     inside = "order of magnitude" if low <= 3.84 <= high else cannot("the force history")
     loads = f"{AXIAL_N:.0f} N along z and {LATERAL_N:.0f} N sideways in every direction"
     return [
@@ -195,7 +186,8 @@ def _rows_of_forming(lateral: Array) -> list[Row]:
             f"{loads}, at the part's centre; {TOOL}"),
         recompute("Improvement by the correction", 70.0, 100 * (1 - left), "%", "1 - 1.13 / 3.84, both the paper's"),
         Row("Fig. 19: error norm over the force norm", "grows without correction, stays below a threshold with it",
-            f"{_force_slopes(lateral)}, proportional to the force; with it {left:.0%} of that", "", None, "trend only",
+            f"{low * slope:.2f} to {high * slope:.2f} mm/kN without it, proportional to the force; with it {left:.0%} "
+            "of that", "", None, "trend only",
             f"{loads}, scaled; {TOOL}"),
         Row("Error left after the correction", 1.13,
             f"{left:.0%} of the deflection, which is the effective error of the model", "mm", None,
@@ -224,7 +216,7 @@ def _rows_of_loop() -> list[Row]:
 
 def _figures(robot: Robot, single: Robot, lateral: Array) -> list[Picture]:
     forces = np.linspace(0, FIG_7_FORCE, 8)
-    moved, plain = (np.array([displace(r, FIG_7_DEG, [0, float(f), 0]) for f in forces]) * 1e3 for r in (robot, single))
+    moved, plain = (displace(r, FIG_7_DEG, np.outer(forces, [0, 1, 0])) * 1e3 for r in (robot, single))
     lines = tuple(
         Curve(f"{axis}, {name}", forces, values[:, k], k + dashed, "lines+markers")
         for k, axis in ((0, "x"), (1, "y"))

@@ -15,7 +15,6 @@ from compplan.reporting.maps.pictures import Panel, deflection_panels, draw_defl
 from compplan.reporting.maps.survey import DeflectionMap, MapSettings, map_planes
 from compplan.reporting.page import Picture
 from compplan.reproduce.mamedov_circles import (
-    FITTED,
     MAXIMA_BEFORE,
     MEANS_AFTER,
     MEANS_BEFORE,
@@ -28,8 +27,8 @@ from compplan.reproduce.paper import Reproduction, Row, cannot, compare, describ
 from compplan.robot import Array, LinkElasticity, Robot
 from compplan.robot.elasticity import hollow_beam_compliance
 from compplan.statics.chain import build_chain
-from compplan.statics.elastic import cartesian_compliance
 from compplan.statics.ik import build_arm
+from compplan.statics.stiffness import displace_linearly
 
 TABLE_3 = np.array([0.56, 0.30, 0.43, 2.8, 3.2, 2.1])  # 1e-6 rad/(N m)
 #: Lengths, outer and inner diameters, directions of the beams, by link [Table 1]. [m]
@@ -69,7 +68,7 @@ def reproduce(load: Callable[[str], Robot]) -> Reproduction:
     planes = map_full(full)
     gaps = {name: reduced_gap(full, table_3, plane) for name, plane in planes.items()}
     walls = [sweep_wall(full, wall) for wall in (0.01, 0.02, 0.03, 0.04, 0.05, 0.07, 0.10)]
-    circles = compensate_circles(full, table_3, FITTED)
+    circles = compensate_circles(full, table_3)
     rows = [
         *_rows_of_table_3(full, own),
         *_rows_of_maps(full, planes, gaps, own.robot, table_3),
@@ -88,7 +87,6 @@ def reproduce(load: Callable[[str], Robot]) -> Reproduction:
         ),
         rows=tuple(rows),
         figures=tuple(_figures(full, planes, gaps, own, walls, circles)),
-        samples={"table_3": own.compliance, "after": circles.means(circles.after)},
     )
 
 
@@ -149,7 +147,7 @@ def sweep_wall(full: Robot, wall: float) -> WallStep:
 
 
 def _yield_under(robot: Robot, q: Array, force: Array) -> Array:
-    return np.asarray(np.einsum("nij,nj->ni", cartesian_compliance(build_chain(robot), q)[:, :3, :3], force))
+    return displace_linearly(build_chain(robot), q, np.pad(force, ((0, 0), (0, 3))), complementary=False)[:, :3]
 
 
 def _beam(link: str, length: float, outer: float, inner: float, axis: str, young: float) -> LinkElasticity:

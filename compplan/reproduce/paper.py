@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 import tomllib
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -69,7 +69,6 @@ class Reproduction:
     figures: tuple[page.Picture, ...]  #: Redrawn figures; `description` is the title.
     missing: tuple[str, ...]  #: Information missing in the paper.
     inconsistencies: tuple[str, ...] = ()  #: Contradictions within the paper.
-    samples: dict[str, Array] = field(default_factory=dict)  #: Data of the rows, for tests and notebooks.
 
     def row(self, quantity: str) -> Row:
         """Find a row by its quantity."""
