@@ -23,7 +23,7 @@ from compplan.reproduce.paper import (
     unavailable,
 )
 from compplan.robot import Array, Robot
-from compplan.statics.chain import build_chain, locate_frames
+from compplan.statics.chain import build_chain, jacobian, locate_frames
 from compplan.statics.elastic import cartesian_compliance, solve_equilibrium
 from compplan.statics.ik import build_arm, name_configuration, solve_branches
 
@@ -106,8 +106,7 @@ def load_shares(robot: Robot, q_deg: tuple[float, ...], direction: tuple[float, 
     """Compute the share of each spring in the deflection along a force."""
     chain = build_chain(robot)
     frames = locate_frames(chain, np.radians([q_deg]))
-    elements = chain.spring_elements
-    lever = np.cross(frames.axis[0, elements], frames.tcp_position[0] - frames.origin[0, elements])
+    lever = jacobian(chain, frames)[0, :3, chain.spring_elements]
     share = np.diag(chain.compliance) * (lever @ np.array(direction, float)) ** 2
     return dict(zip(chain.spring_names, (share / share.sum()).tolist(), strict=True))
 

@@ -19,7 +19,7 @@ import numpy as np
 
 from compplan.io.display import Curve, Curves, draw_png
 from compplan.io.provenance import describe_origin
-from compplan.io.quantities import format_number
+from compplan.io.quantities import format_number, shorten
 from compplan.io.tables import write_json, write_text
 from compplan.io.transaction import replace_folder
 from compplan.reporting import page
@@ -96,7 +96,7 @@ def compare(
     missing: missing information, named if the numbers differ by more than a factor of three; fitted: whether `ours`
     was tuned to `paper`.
     """
-    ours = float(f"{ours:.6g}")
+    ours = shorten(ours)
     if fitted:
         return Row(quantity, paper, ours, unit, None, "fitted", assumption)
     ratio = ours / paper if paper else math.inf
@@ -111,7 +111,7 @@ def compare(
 
 def recompute(quantity: str, paper: float, ours: float, unit: str, note: str) -> Row:
     """Build the row of a number recomputed from other numbers of the paper: arithmetic, no evidence."""
-    return Row(quantity, paper, float(f"{ours:.6g}"), unit, None, "arithmetic", note)
+    return Row(quantity, paper, shorten(ours), unit, None, "arithmetic", note)
 
 
 def cannot(missing: str) -> str:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from compplan.errors import InputError
+from compplan.io.quantities import shorten
 from compplan.io.tables import Array
 from compplan.io.tomlfile import StrictTable
 
@@ -99,5 +100,5 @@ def tabulate_motion(motion: ServoMotion, prismatic: NDArray[np.bool_]) -> Mappin
         "lag_ms": 1e3 * motion.lag, "acceleration_lag_ms2": 1e6 * motion.acceleration_lag,
         "lost_motion_deg": motion.lost_motion * unit,
     }  # fmt: skip
-    digits = {key: np.vectorize(lambda value: float(f"{value:.6g}"))(values) for key, values in stated.items()}
+    digits = {key: np.vectorize(shorten)(values) for key, values in stated.items()}
     return {**{key: values.tolist() for key, values in digits.items()}, "source": motion.source}
