@@ -57,13 +57,10 @@ def signatures(at: Linearization) -> Iterable[Signature]:
 
 def apply(model: ForwardModel, effect: Effect) -> ForwardModel:
     """Add the lost motion of the link: half the width behind its reading, on either side."""
-    index = model.joint_index(effect.joint)
-    drive = model.drive.copy()
-    values = effect.parameters
+    index, values = model.joint_index(effect.joint), effect.parameters
     width = float(values["width_m"] if "width_m" in values else values["width_rad"])
     start = float(values.get("start_ratio", CAME_FROM_BELOW))
-    drive[:, index] += lost_motion(np.nan_to_num(model.campaign.q[:, index]), width, start)
-    return replace(model, drive=drive)
+    return model.add_to_joint("drive", index, lost_motion(np.nan_to_num(model.campaign.q[:, index]), width, start))
 
 
 def lost_motion(reading: Array, width: float, start: float = 0.0) -> Array:

@@ -144,7 +144,7 @@ def load_controller(robot: Robot) -> JointConvention:
     for key, length, what in (("sign", len(table.sign), "numbers"), ("zero_deg", len(table.zero_deg), "numbers"),
                               ("joint_names", len(names), "names")):  # fmt: skip
         if length != nq:
-            raise InputError(f"has {length} {what}, expected {nq}, one a joint", file=file, where=key)
+            raise InputError(f"has {length} {what}, expected {nq}, one per joint", file=file, where=key)
     if len(set(names)) < nq:
         raise InputError(f"is {list(names)}, expected {nq} different names", file=file, where="joint_names")
     coupling = table.coupling or ((0.0,) * nq,) * nq

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from compplan.errors import InputError
+from compplan.io.quantities import shorten
 from compplan.io.tables import Array
 from compplan.io.tomlfile import StrictTable
 
@@ -77,7 +78,8 @@ def read_motion(
     for key in ("lag_ms", "acceleration_lag_ms2", "lost_motion_deg"):
         given = getattr(table, key)
         if given is not None and len(given) != nq:
-            raise InputError(f"has {len(given)} numbers, expected {nq}, one a joint", file=file, where=f"motion.{key}")
+            message = f"has {len(given)} numbers, expected {nq}, one per joint"
+            raise InputError(message, file=file, where=f"motion.{key}")
         lists[key] = np.zeros(nq) if given is None else np.array(given, dtype=np.float64)
     velocity, acceleration = limits
     acceleration = np.where(np.isfinite(acceleration), acceleration, velocity / FULL_SPEED)
@@ -98,5 +100,5 @@ def tabulate_motion(motion: ServoMotion, prismatic: NDArray[np.bool_]) -> Mappin
         "lag_ms": 1e3 * motion.lag, "acceleration_lag_ms2": 1e6 * motion.acceleration_lag,
         "lost_motion_deg": motion.lost_motion * unit,
     }  # fmt: skip
-    digits = {key: np.vectorize(lambda value: float(f"{value:.6g}"))(values) for key, values in stated.items()}
+    digits = {key: np.vectorize(shorten)(values) for key, values in stated.items()}
     return {**{key: values.tolist() for key, values in digits.items()}, "source": motion.source}
