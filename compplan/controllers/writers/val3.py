@@ -28,9 +28,6 @@ WORDS = {
 }
 
 
-FORM = ProgramForm.load("val3", lambda poses: place_table(poses, "XYZ"))
-
-
 def write(program: Program, folder: Path, most: int | None = None) -> list[Path]:
     """Write the project NAME with joint motions and, where poses are known, NAME_L with linear ones.
 
@@ -41,7 +38,7 @@ def write(program: Program, folder: Path, most: int | None = None) -> list[Path]
     if program.joints.shape[1] != 6 or program.prismatic.any():
         message = f"VAL3 programs are written for six rotating joints, this robot has {list(program.joint_names)}"
         raise InputError(message)
-    return FORM.write(program, folder, most, _format_part, _format_project, can=True)
+    return FORM.write(program, folder, most, can=True)
 
 
 def _format_part(part: ProgramPart) -> dict[str, str]:
@@ -142,3 +139,6 @@ def _name_configurations(program: Program) -> list[str]:
         words = native if native and {*native} <= known else [same] * len(program)
         columns.append([f'{key}="{word}"' for word in words])
     return [" ".join(words) for words in zip(*columns, strict=True)]
+
+
+FORM = ProgramForm.load("val3", lambda poses: place_table(poses, "XYZ"), _format_part, _format_project)
