@@ -86,13 +86,9 @@ def follow_moves(
 def check_corners(rows: PlannedRows) -> list[str]:
     """Return corners whose rounding lies farther from their legs than zones may depart from the path."""
     position, corner, departure = rows.position, rows.corner, rows.departure
-    messages, left_out = [], np.isnan(corner[:, 0])
+    messages, kept = [], np.flatnonzero(~np.isnan(corner[:, 0]))
     for row in np.flatnonzero(np.nan_to_num(np.abs(corner).max(axis=1)) > 0.0).tolist():
-        first, last = row - 1, row + 1
-        while left_out[first]:
-            first -= 1
-        while left_out[last]:
-            last += 1
+        first, last = kept[np.searchsorted(kept, row) + np.array([-1, 1])]
         off = measure_leg_distance(position[first : last + 1], position[row] + corner[row])
         if off > MAX_LEG_DISTANCE * max(float(np.linalg.norm(corner[row])), float(departure[row])) + ROUNDING:
             messages.append(f"the planned tip is {1e3 * off:.3g} um off the corner at row {row}")

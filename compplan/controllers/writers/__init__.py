@@ -112,9 +112,6 @@ def check_brand(controller: str, language: str) -> None:
     Raises:
         InputError: If the controller is of another brand than the language.
     """
-    brand = _brand(language)
-    if brand and brand.lower() in controller.lower():
-        return
     fitting = list_languages(controller)
     if language not in fitting:
         raise InputError(

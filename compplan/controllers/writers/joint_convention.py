@@ -27,7 +27,7 @@ from compplan.io.tomlfile import (
 from compplan.robot import Robot
 from compplan.robot.folder import has_moved
 from compplan.robot.pose import build_pose, follow_joints
-from compplan.robot.urdf import Urdf, read_urdf
+from compplan.robot.urdf import read_urdf
 
 #: Valid name of a joint, and valid zero [deg or mm].
 JointName = Annotated[str, Field(pattern=r"^[ -~]{0,31}[!-~]$")]
@@ -318,23 +318,15 @@ def locate_pendant(robot: Robot) -> Pendant | None:
 def _find_tool0(robot: Robot) -> Array | None:
     """Return the pose of a frame tool0 at the origin of the flange, in the flange frame, or None. Shape (4, 4)."""
     urdf = read_urdf(robot.urdf, Path("robot.urdf") if robot.folder is None else robot.folder / "robot.urdf")
-    if "tool0" not in urdf.links or robot.flange not in urdf.links:
+    if not {"tool0", robot.flange} <= set(urdf.links):
         return None
     try:
-        tails = [_fixed_tail(urdf, link) for link in (robot.flange, "tool0")]
+        chains = [urdf.chain_to(link)[0] for link in (robot.flange, "tool0")]
     except InputError:
         return None
-    (carrier, flange), (other, tool) = tails
+    flange, tool = (follow_joints(chain[0].parent, chain, {})[chain[-1].child] for chain in chains)
     turn = np.linalg.inv(flange) @ tool
-    if carrier != other or np.abs(turn[:3, 3]).max() > SAME_PLACE:
+    moving = [[joint.name for joint in chain if joint.kind != "fixed"] for chain in chains]
+    if moving[0] != moving[1] or np.abs(turn[:3, 3]).max() > SAME_PLACE:
         return None
-    turn[:3, 3] = 0.0
-    return np.asarray(turn)
-
-
-def _fixed_tail(urdf: Urdf, link: str) -> tuple[str, Array]:
-    """Return the last moving joint before a link, and the link's pose in the frame of that joint's child."""
-    carrier, pose = "", np.eye(4)
-    for joint in urdf.chain_to(link)[0]:
-        carrier, pose = (carrier, pose @ joint.placement) if joint.kind == "fixed" else (joint.name, np.eye(4))
-    return carrier, pose
+    return build_pose(np.zeros(3), turn[:3, :3])

@@ -298,18 +298,17 @@ def joint_shares(program: Program) -> Array:
 
     The duration of a move is the difference of `time`, otherwise distance over feed. Shape (n,).
     """
-    shares = np.full(len(program), np.nan)
+    if program.rates is None:
+        return np.full(len(program), np.nan)
+    share = np.max(np.abs(np.diff(program.joints, axis=0, prepend=np.nan)) / program.rates, axis=1)
     if program.time is not None:
-        duration = np.diff(program.time)
+        duration = np.diff(program.time, prepend=np.nan)
     else:
-        distance = np.linalg.norm(np.diff(program.tcp[:, :3, 3], axis=0), axis=1) * 1e3
-        duration = np.where(program.feed[1:] > 0.0, distance / np.maximum(program.feed[1:], 1e-9), np.nan)
-    if program.rates is not None and len(program) > 1:
-        share = np.max(np.abs(np.diff(program.joints, axis=0)) / program.rates, axis=1)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            wanted = share / duration
-        shares[1:] = np.where(np.isfinite(wanted) & ~program.rapid[1:], wanted, np.nan)
-    return shares
+        distance = np.linalg.norm(np.diff(program.tcp[:, :3, 3], axis=0, prepend=np.nan), axis=1) * 1e3
+        duration = distance / np.where(program.feed > 0.0, program.feed, np.nan)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        shares = share / duration
+    return np.where(np.isfinite(shares) & ~program.rapid, shares, np.nan)
 
 
 def joint_percent(program: Program, rapid: float = 100.0, least: float = 1.0) -> Array:
