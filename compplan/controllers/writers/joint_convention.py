@@ -11,7 +11,6 @@ from xml.etree import ElementTree
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import BeforeValidator, Field, model_validator
-from scipy.spatial.transform import Rotation
 
 from compplan.controllers.writers.motion_table import ASSUMED, MotionTable, ServoMotion, read_motion
 from compplan.errors import InputError, ShapeError, UnknownNameError
@@ -26,7 +25,7 @@ from compplan.io.tomlfile import (
 )
 from compplan.robot import Robot
 from compplan.robot.folder import has_moved
-from compplan.robot.pose import build_pose, follow_joints
+from compplan.robot.pose import apply_twist, build_pose, follow_joints
 from compplan.robot.urdf import read_urdf
 
 #: Valid name of a joint, and valid zero [deg or mm].
@@ -160,8 +159,7 @@ def load_controller(robot: Robot) -> JointConvention:
             raise UnknownNameError("joint", word.joint, list(robot.joint_names), file=file, where=where)
         if word.joint is None and not {word.point, word.frame} <= set(links):
             raise InputError(f"needs a joint, or a point and a frame from {links}", file=file, where=where)
-    turn = Rotation.from_rotvec(np.radians(table.world.rotation_deg))
-    world = build_pose(np.array(table.world.position_mm) * 1e-3, turn.as_matrix())
+    world = apply_twist(np.r_[np.array(table.world.position_mm) * 1e-3, np.radians(table.world.rotation_deg)])
     zero, words = np.array(table.zero_deg, float), table.configuration
     unchecked = "" if table.checked else NOT_CHECKED
     return JointConvention(table.controller, tuple(names), robot.prismatic, matrix, zero, words, world, unchecked)
@@ -235,13 +233,6 @@ def measure_words(
             above, distance = place >= word.threshold_mm, np.abs(place - word.threshold_mm)
         found[key] = np.where(above, word.above, word.below), distance
     return found
-
-
-def name_words(
-    controller: JointConvention, robot: Robot, q: Array, poses: Mapping[str, Array]
-) -> dict[str, NDArray[np.str_]]:
-    """Return the value of each configuration word at every waypoint: {"elbow": ["up", ...], ...}."""
-    return {key: values for key, (values, _) in measure_words(controller, robot, q, poses).items()}
 
 
 def native_words(counting: JointConvention, words: Mapping[str, NDArray[np.str_]]) -> dict[str, NDArray[np.str_]]:

@@ -17,7 +17,7 @@ from compplan.controllers.writers.joint_convention import (
     krl_status,
     load_controller,
     locate_links,
-    name_words,
+    measure_words,
     native_words,
     to_controller,
 )
@@ -241,7 +241,8 @@ def build_program(
     """
     believed, controller = controller_robot(robot), load_controller(robot)
     limits, joints, poses = robot.velocity_limits, to_controller(controller, q), locate_links(believed, q)
-    words, tip, turned = name_words(controller, believed, q, poses), poses[robot.tcp], flange_turn(robot)
+    words = {key: values for key, (values, _) in measure_words(controller, believed, q, poses).items()}
+    tip, turned = poses[robot.tcp], flange_turn(robot)
     mass, centre = compute_tool_mass(robot)
     return Program(
         name=name,
