@@ -154,6 +154,8 @@ class Rs274:
             return False
         if machine:
             machine.sort(key=lambda code: (code in ENDS or code < 2.0, code))
+            if machine[0] in (72.0, 73.0) and not values.keys() - {"N"}:
+                raise InputError("M72 and M73 alone bring back stored modes, or mirror an axis; write the G codes")
             if self._give_words(block):
                 return False
             if 198.0 in machine or (99.0 in machine and "P" in values):

@@ -39,8 +39,8 @@ DEEPEST = 19
 MOTIONS = {"L", "LP", "LN", "C", "CR", "CT", "CP", "CTP"}
 #: M functions that affect neither the path nor machine functions of a robot.
 SILENT = frozenset(map(float, (
-    6, 10, 11, 16, 17, 21, 22, 25, 26, 31, 32, 52, 53, 54, 57, 59, 89, 90, 91, 92, 94, 97, 98, 99, 101, 102, 103,
-    *range(107, 114), *range(115, 119), 120, 124, 126, 127, 128, 129, *range(134, 139), *range(140, 146), 148, 149,
+    6, 10, 11, 16, 17, 21, 22, 25, 26, 31, 32, 52, 53, 54, 57, 59, 89, 90, 91, 92, 94, 97, 98, 99, 101, 102, 107, 108,
+    *range(111, 114), *range(115, 119), 120, 124, 126, 127, 128, 129, *range(134, 139), *range(140, 146), 148, 149,
 )))  # fmt: skip
 POSITION = re.compile(r"POS\s*\d+\s*\(([^()]*)\)")
 CORNER = re.compile(rf"(RND|CHF)\s*R?\s*({lexer.VALUE})\s*(?:F\s*({lexer.VALUE}))?\s*")
@@ -156,6 +156,8 @@ class Klartext:
             self.it.contour.refuse_open()
             flow.run_program(f"LBL {label}", program, 1, start)
             return index
+        if start > index:
+            raise InputError(f"CALL LBL {label} REP before its label has two meanings; call it without REP")
         return start if flow.repeat(index, lambda: self.value(times)) else index
 
     def _label(self, word: str) -> int:

@@ -216,6 +216,8 @@ class _KrlReader:
             return
         target, value = found.group(1).replace(" ", ""), found.group(2)
         whole, _, part = target.partition(".")
+        if target in ("$OV_PRO", "$OV_ROB"):
+            self.note(f"{target} (a share of all speeds) is not applied")
         if target in ("$BASE", "$TOOL", "$IPO_MODE", "$VEL", "$VEL.CP"):
             if self.robot.blocks and target != "$TOOL":
                 raise InputError(f"{target} is set in a loop or a branch; write the program out")

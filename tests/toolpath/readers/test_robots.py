@@ -49,6 +49,7 @@ def test_krl_speed_for_one_move_holds_for_that_move(krl) -> None:
     start = f"$VEL.CP=0.05\nPTP {{X 0,Y 0,Z 0,{DOWN}}}\n"
     moves = "SLIN {X 5} WITH $VEL={CP 0.2}\nSLIN {X 9} WITH $VEL.CP=0.3\nSLIN {X 12}\n"
     assert krl(start + moves).toolpath.feed.tolist() == pytest.approx([0, 0.2, 0.3, 0.05])
+    assert any("$OV_PRO" in note for note in krl(f"$OV_PRO=50\n{start}{moves}").facts.notes)
 
 
 def test_krl_orientation_is_z_y_x_and_the_tool_points_where_it_is_told(krl) -> None:

@@ -216,6 +216,7 @@ def test_inches_and_feeds_by_the_turn_and_the_dwell(read) -> None:
     assert ends(cam) == [[0, 0, 25.4], [25.4, 0, 25.4], [50.8, 0, 25.4]]
     assert (cam.toolpath.feed[1:] * 1e3).tolist() == pytest.approx([2.54, 25.4])
     assert [event.value for event in cam.toolpath.events if event.kind == "dwell"] == [2.5, 3.0]
+    assert "OVR" in read("G71\nG0 X0 Y0 Z1\nOVR=50 G1 X1 F60\nM30\n").facts.notes[0]
 
 
 REFUSED = [

@@ -101,6 +101,8 @@ class MotionReader:
         """Return the feed of a move of this length [mm] in mm/s; 0 if unknown."""
         if block is not None and "FB" in block.values:
             return block.values["FB"] * self.state.feed_scale / 60.0
+        if self.state.feed_mode == 93 and block is not None and "F" not in block.values:
+            self.course.note("a cutting move with G93 and without F takes the number F of a block before")
         feed = self.state.feed_mm_s(length)
         if feed is None:
             self.course.note("cutting moves before any feed F have none")

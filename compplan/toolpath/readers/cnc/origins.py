@@ -224,6 +224,10 @@ class Origins:
         if "R" not in block.values or block.has(frozenset("IJK")) or self.state.incremental:
             raise InputError("G68 is read with an angle R in the plane, in G90; post-process other forms of it")
         centre = self._find_centre(block, PLANE_AXES[plane])
+        scaled = self.it.frames.get("scale", Frame()).apply(centre)
+        if len(self.mirrors.keys() & {*PLANE_AXES[plane]}) == 1 or math.dist(scaled, centre) > 1e-9:
+            raise InputError("G68 under a mirror (G51.1), or a scale (G51) about another centre, has two meanings; "
+                             "post-process without one of them")  # fmt: skip
         self.it.set_frames(rotation=turn_about(centre, rotate(DEEP_AXIS[plane], block.values["R"])))
 
     def scale(self, block: CncBlock) -> None:

@@ -68,6 +68,8 @@ class State:
     #: Millimetres of a unit of F.
     feed_scale: float = 1.0
     spindle: float = 0.0
+    #: Whether S is the speed of the cutting edge (G96), so that the speed of the spindle is not known.
+    surface_speed: bool = False
     turning: str = ""
     cooling: bool = False
     tool: float = 0.0
@@ -177,12 +179,16 @@ class Machine:
                 log.note("T without M6 is read as a tool change: the file has no M6")
             self.change_tool()
         changed = "S" in values and LIMITS.isdisjoint(block.codes) and ANGLES.isdisjoint(machine)
-        if changed:
+        if changed and state.surface_speed:
+            log.note("S with G96 is a cutting speed: the speed of the spindle, and feeds per revolution, are not known")
+        elif changed:
             state.spindle = values["S"]
         self.switch_on(machine, changed=changed)
         if 4.0 in block.codes:
             wait = max(next((values[letter] for letter in "FXU" if letter in values), 0.0), 0.0)  # in seconds
-            if "P" in values:
+            if state.printer:
+                wait = values.get("S", 0.0) + 1e-3 * values.get("P", 0.0)
+            elif "P" in values:
                 milli = values["P"] >= LEAST_MILLISECONDS
                 if milli:
                     log.note(f"G4 P{values['P']:g} is taken in milliseconds")
