@@ -203,7 +203,7 @@ class Klartext:
         self.it.flow.line = block.line
         kind, size, speed = match_form(CORNER, block.text, "corner: RND or CHF, a number and F").groups()
         self.it.flow.line = here
-        feed = None if speed is None else self.words.to_mm_s(self.value(speed))
+        feed = None if speed is None else self.it.state.to_mm_s(self.value(speed))
         return Corner("ROUND" if kind == "RND" else "LEG", self.value(size), feed, block.line)
 
     def check_corner(self, rest: str) -> None:
@@ -224,7 +224,7 @@ class Klartext:
     def _set_unit(self, scale: float) -> None:
         self.words.unit = scale
         self.it.set_frames(unit=stretch((scale, scale, scale)) if scale != 1.0 else None)
-        self.words.set_feed_scale()
+        self.words.set_feed_mode(94)
 
     def _assign(self, text: str) -> None:
         """Execute Q1 = formula."""

@@ -15,11 +15,12 @@ from scipy.spatial.transform import Rotation
 
 from compplan.errors import InputError
 from compplan.io.tables import Array
+from compplan.robot.pose import build_pose
 from compplan.toolpath.readers.cnc.flow import END, CncProgram
 from compplan.toolpath.readers.lines import count_lines, match_form, read_bounded, split_lines
 from compplan.toolpath.readers.moves import FARTHEST, CamFile
 from compplan.toolpath.readers.options import CamTable
-from compplan.toolpath.readers.robot_moves import NUMBER, Match, RobotProgram, Rule, make_pose, split_fields
+from compplan.toolpath.readers.robot_moves import NUMBER, Match, RobotProgram, Rule, split_fields
 
 name = "krl"
 suffixes = (".src", ".sub")
@@ -63,7 +64,7 @@ def read(text: str, file: Path, options: CamTable) -> CamFile:
 def read_pose(numbers: Mapping[str, float]) -> Array:
     """Return the pose of X Y Z A B C: R = Rz(A) Ry(B) Rx(C)."""
     turn = Rotation.from_euler("ZYX", [numbers[key] for key in ANGLES], degrees=True)
-    return make_pose(np.array([numbers[key] for key in PLACE]), turn)
+    return build_pose([numbers[key] for key in PLACE], turn.as_matrix())
 
 
 def clean_line(raw: str) -> str:

@@ -78,17 +78,10 @@ def compensate_radius(dialect: Any, block: CncBlock, code: float | str) -> None:
         dialect.it.compensate_radius(f"G{code:g}")
 
 
-def set_feed_mode(dialect: Any, block: CncBlock, code: float) -> None:
-    """G93, G94, G95: set the meaning of F; an F from before with another meaning is dropped."""
-    state = dialect.it.state
-    state.feed = state.feed if code == state.feed_mode else None
-    state.feed_mode = int(code)
-
-
 #: Codes with the same meaning in every dialect of G-code.
 COMMON: dict[float | str, Code] = {
     90.0: set_mode(incremental=False), 91.0: set_mode(incremental=True),
-    **dict.fromkeys((93.0, 94.0, 95.0), Code(set_feed_mode)),
+    **dict.fromkeys((93.0, 94.0, 95.0), Code(lambda dialect, block, code: dialect.it.state.set_feed_mode(int(code)))),
     96.0: set_mode(surface_speed=True, spindle=0.0), 97.0: set_mode(surface_speed=False),
     **dict.fromkeys((41.0, 42.0, 41.1, 42.1), Code(compensate_radius)),
     4.0: ignore("once"), 53.0: ignore("machine"), 153.0: ignore("machine"), 33.0: refuse("threading"),

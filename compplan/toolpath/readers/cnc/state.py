@@ -101,9 +101,18 @@ class State:
         if word not in self.units:
             self.units.append(word)
 
+    def set_feed_mode(self, mode: int, scale: float | None = None) -> None:
+        """Set the meaning of F (93 to 95), and its unit [mm]; an F from before with another meaning is dropped."""
+        self.feed = self.feed if mode == self.feed_mode else None
+        self.feed_mode, self.feed_scale = mode, self.feed_scale if scale is None else scale
+
     def set_feed(self, number: float) -> None:
         """Set the feed of an F word; the unit of length applies except in inverse time mode."""
         self.feed = number if self.feed_mode == 93 else number * self.feed_scale
+
+    def to_mm_s(self, number: float) -> float:
+        """Return the number of a feed per minute, or per revolution (G95), in mm/s."""
+        return number * self.feed_scale * (self.spindle if self.feed_mode == 95 else 1.0) / 60.0
 
     def feed_mm_s(self, length: float) -> float | None:
         """Return the feed of a move of this length [mm] in mm/s, None if unknown."""
