@@ -99,7 +99,7 @@ def plan_rows(x: np.ndarray, rotation: np.ndarray, time: np.ndarray, *, free: bo
     """Rows of a cut without corners, from its tips [mm], orientations and times."""
     n = len(x)
     no, zero = np.zeros(n, bool), np.zeros(n)
-    return PlannedRows(x, rotation, np.zeros((n, 6)), time, zero, no, no | free, None, zero, np.zeros((n, 3)), 2e-3)
+    return PlannedRows(x, rotation, np.zeros((n, 6)), time, zero, no, no | free, None, np.zeros((n, 3)), 2e-3)
 
 
 def test_a_way_back_below_the_rounding_of_written_positions_is_none_and_one_above_it_is_read() -> None:

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.controllers.readback.fitted import FEED_STEP, PlannedRows, check_corners, follow_moves
+from compplan.controllers.readback.fitted import FEED_STEP, PlannedRows, follow_moves
 from compplan.controllers.readback.joint_table import read_csv
 from compplan.controllers.readback.languages import read_fanuc, read_krl, read_rapid, read_val3
 from compplan.controllers.readback.poses import Move, Pose, fanuc_pose
@@ -122,7 +122,6 @@ def compare_written(
                 messages = [cell.compare_joints(moves, joints[ends]), *cell.compare(rows, moves, held)]
                 expected = _report_rows(cell, planned, joints, ends)
                 messages = [text for text in messages if text] or expected.compare(language, moves)
-                messages += check_corners(planned)[:1] if linear else []
             if language in ("fanuc_ls", "inform") and not arm.carries_part:
                 messages += compare_declared(file, declared, arm.tool)
             breaches += [f"{file.name}, read back: {text}" for text in messages]
