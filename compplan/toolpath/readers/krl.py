@@ -93,7 +93,7 @@ class _KrlReader:
         #: Positions and frames by name; values of loop counters; first call that is not read.
         self.positions: dict[str, str | dict[str, float]] = {"$NULLFRAME": "{X 0}"}
         self.counters: dict[str, int] = {}
-        self.called = ""
+        self.called = self.tool = ""
         self.last: dict[str, float] = {}
         self.spline: list[Array] | None = None
         #: Rules of statements.
@@ -217,6 +217,8 @@ class _KrlReader:
             return
         target, value = found.group(1).replace(" ", ""), found.group(2)
         whole, _, part = target.partition(".")
+        if target == "FDAT_ACT" and not self.robot.blocks:
+            self._use_frames(str(self.positions.get(value.strip(), "")))
         if target in ("$OV_PRO", "$OV_ROB"):
             self.note(f"{target} (a share of all speeds) is not applied")
         if target in ("$BASE", "$TOOL", "$IPO_MODE", "$VEL", "$VEL.CP"):
@@ -241,7 +243,8 @@ class _KrlReader:
         word, value = found.group(1), found.group(2).strip()
         if word == "BASE":
             value = "$NULLFRAME" if value == "0" else f"BASE_DATA[{value}]"
-        self._set_system({"VEL_CP": "$VEL.CP", "BASE": "$BASE", "TOOL": "$TOOL"}.get(word, ""), value, f"CP {value}")
+        targets = {"VEL_CP": "$VEL.CP", "CP_PARAMS": "$VEL.CP", "BASE": "$BASE", "TOOL": "$TOOL"}
+        self._set_system(targets.get(word, ""), value, f"CP {value}")
 
     def _set_system(self, target: str, value: str, statement: str) -> None:
         if target == "$BASE":
@@ -259,6 +262,17 @@ class _KrlReader:
         if not speed and self.options.feed_mm_s is None:
             raise InputError(f"{text.strip()[:40]!r} sets no speed in m/s; state one with feed_mm_s (--feed)")
         return float(speed.group(1)) * 1e3 if speed else 0.0
+
+    def _use_frames(self, data: str) -> None:
+        """Activate base and tool of an inline form (FDAT)."""
+        if "#TCP" in data:
+            raise InputError("IPO_FRAME #TCP (the part in the robot's hand) is not read")
+        if base := re.search(r"BASE_NO\s+(\d+)", data):
+            self._use_base(f"BASE_DATA[{base.group(1)}]" if base.group(1) != "0" else "$NULLFRAME")
+        if tool := re.search(r"TOOL_NO\s+(\d+)", data):
+            if self.tool not in ("", tool.group()):
+                self.robot.note_tool()
+            self.tool = tool.group()
 
     def _use_base(self, value: str) -> None:
         """Activate a base; the path stays in the base of its first position."""

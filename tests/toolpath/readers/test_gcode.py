@@ -136,6 +136,8 @@ def test_reversed_arc_centres_are_told(read) -> None:
         ("G66 P9000", r":1: G66 \(modal macro calls\) is not read"),
         ("G21 G5 X1 Y1 I1 J1 P1 Q1", r":1: word G5 with coordinates"),
         ("G6.2 P3", r":1: G6.2 \(NURBS\)"),
+        ("G21 G54 P1\nG0 X0 Y0 Z0\nG1 X5 F9\nG54 P2\nX1", r":5: the file cuts in G54.1 P1 and in G54.1 P2"),
+        ("G21 G15 H1\nG0 X0 Y0 Z0\nG1 X5 F9\nG15 H2\nX1", r":5: the file cuts in G54.1 P1 and in G54.1 P2"),
         ("G21 G51.1 X0\nG68 X0 Y0 R90", r":2: G68 under a mirror"),
         ("G21 G51 X0 Y0 Z0 P2.\nG68 X10 Y0 R90", r":2: G68 under a mirror \(G51.1\), or a scale"),
         ("M70\nG91\nM72", r":3: M72 and M73 alone bring back"),

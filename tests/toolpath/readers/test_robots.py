@@ -102,6 +102,15 @@ def test_krl_positions_and_bases_come_from_the_data_beside_and_subprograms_are_f
     ]
 
 
+def test_krl_inline_forms_set_speed_and_base(krl) -> None:
+    data = "FP1={{TOOL_NO 1,BASE_NO 1,IPO_FRAME #BASE}}\nFP2={{TOOL_NO 1,BASE_NO {},IPO_FRAME #BASE}}\n"
+    start = f"FDAT_ACT=FP1\nPTP {{X 0,Y 0,Z 0,{DOWN}}}\nBAS(#CP_PARAMS,0.5)\nLIN {{X 5}}\n"
+    form = "FDAT_ACT=FP2\nBAS(#CP_PARAMS,0.25)\nLIN {X 9}\n"
+    assert krl(data.format(1) + start + form).toolpath.feed.tolist() == [0, 0.5, 0.25]
+    with pytest.raises(InputError, match=r"base changes from BASE_DATA\[1\] to BASE_DATA\[2\]"):
+        krl(data.format(2) + start + form)
+
+
 def test_krl_loops_over_points_of_a_public_data_file_are_carried_out(krl, tmp_path: Path) -> None:
     """Long paths stand in data files beside the program, and a loop goes through them; the wrist is set on the way."""
     points = "\n".join(f"gfPoint[{i} ]={{X {10 * i},Y 0.0,Z 0.0,A 0.0,B 180.0,C 0.0}}" for i in range(1, 5))

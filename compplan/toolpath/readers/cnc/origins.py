@@ -67,8 +67,8 @@ class Origins:
         return combine(1.0, combine(1.0, self.origin, 1.0, self.shifted), 1.0, self.base)
 
     def use(self, code: float, number: float = 0.0) -> None:
-        """Activate a work offset (G54.1, G154 by number); without wcs and G10, that of the first cut is the part."""
-        course, before, code = self.course, self.active, 1000.0 + number if code in (54.1, 154.0) else code
+        """Activate a work offset, or a numbered one (G54.1); without wcs and G10, that of the first cut is the part."""
+        course, before, code = self.course, self.active, 1000.0 + number if number else code
         self.used.add(code)
         if code == before:
             return
