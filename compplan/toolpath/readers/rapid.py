@@ -168,7 +168,7 @@ class _RapidReader:
         statement = found.string
         if found.group(1) != "IF" or statement.endswith(" THEN"):
             self.robot.count_block(found)
-        if "MOVE" in statement:
+        if "MOVE" in statement or not self.flow.programs.keys().isdisjoint(re.findall(r"\w+", statement)):
             raise InputError(f"{statement[:30]!r} holds a move in a branch; write the moves out in a row")
         if re.search(r"\b(SETDO|SET|RESET|PULSEDO|STOP)\b", statement):
             self.robot.add_call_event(statement)

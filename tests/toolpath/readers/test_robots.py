@@ -203,6 +203,7 @@ def test_rapid_work_objects_that_change_are_followed_where_they_are_known(rapid)
         ("MoveL [[1,2,x],[0,0,1,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]],v50,fine,t;", "expected numbers as"),
         ("MoveL [[1,2,3],[0,0,2,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]],v50,fine,t;", "has length 2, expected 1"),
         ("MoveL Offs({},1e999,0,0),v50,fine,t;", "is too great"),
+        ("IF b main;", "holds a move in a branch"),
         ("PDispOn p1,p2,t;", "PDISPON is not read"), ("MoveL {};", "with 1 arguments"), ("GOTO a;", "GOTO"),
     ],
 )  # fmt: skip

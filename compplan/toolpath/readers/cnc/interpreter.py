@@ -11,6 +11,7 @@ axes require it, otherwise ""; `turns_to_plane`, whether rotary words in a tilte
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -29,6 +30,9 @@ from compplan.toolpath.readers.options import CamTable, refuse_unit
 #: Addresses that make a move.
 MOVING = frozenset((*AXES, *TURNING, "I", "J", "K", "I1", "J1", "K1", "CR", "AR", "AP", "RP", "TURN"))
 MOTIONS = frozenset({0.0, 1.0, 2.0, 3.0})
+#: Head of a subprogram that brings back the modes of the program that calls it, and these modes.
+SAVING = re.compile(r"\s*(?:N\d+\s*)?PROC\b[^;]*\bSAVE\b", re.IGNORECASE)
+SAVED = ("motion", "plane", "incremental", "scale", "feed_mode", "feed_scale")
 UNKNOWN_MACHINE = "moves while rotary axes stand turned whose machine is not stated"
 
 
@@ -240,4 +244,10 @@ class Interpreter:
             where = f"neither %_N_{name}_SPF in this file nor {name}.SPF beside it is there"
             raise InputError(f"subprogram call {name[:40]} is not read: {where}")
         self.contour.refuse_open()
-        self.flow.run_program(name, self.flow.programs[name], times)
+        program, state = self.flow.programs[name], self.state
+        kept, frame = {mode: getattr(state, mode) for mode in SAVED}, self.frames.get("program")
+        self.flow.run_program(name, program, times)
+        if any(SAVING.match(line) for line in program.lines[program.first : min(program.first + 20, program.last)]):
+            state.set_feed_mode(kept["feed_mode"])
+            vars(state).update(kept)
+            self.set_frames(program=frame)
