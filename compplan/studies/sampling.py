@@ -37,8 +37,8 @@ from compplan.studies.posterior import (
 )
 from compplan.toolpath.toolpath import interpolate
 from compplan.uncertainty.assumed import robot_uncertainty
-from compplan.uncertainty.motion import read_placement
 from compplan.uncertainty.sensitivities import CORRELATION, ForceSpread, build_path_model, pick_rows
+from compplan.uncertainty.touch_off import spread_placement
 
 #: Knots of the noise along the path per correlation length, and their greatest number.
 KNOTS, MOST_KNOTS = 10, 20000
@@ -67,10 +67,9 @@ class SampleContext:
     wrench: Array  #: Predicted wrench. Shape (6, n). [N, N m]
     nq: int  #: Number of joints.
     link_share: Array  #: Share of each compliance beyond the link-side encoder. Shape (s,).
-    #: Motion of the tip per thermal growth, placement of the part and coordinate of the robot. Shape (k, 3, n). [m per
-    #: 1, m, rad, 1]
+    #: Motion of the tip by thermal growth, placement of the part and coordinates of the robot, per unit of growth and
+    #: per standard deviation of the others. Shape (k, 3, n). [m]
     shift: Array
-    scale: Array  #: Standard deviation of each cause. Shape (k,). [1, m, rad, 1]
     knot: Array  #: Position of each waypoint among the knots of the noise along the path. Shape (n,).
     forget: float  #: Correlation of the noise at neighbouring knots.
     repeatability: float  #: Standard deviation per axis. [m]
@@ -84,7 +83,7 @@ class SampledRobots(NamedTuple):
     link_share: Array  #: Share of each compliance beyond the link-side encoder. Shape (s, b).
     zero: Array  #: True minus read position of each joint. Shape (nq, b). [rad or m]
     drive: Array  #: Link-side minus motor-side position, without deflection. Shape (nq, b, n). [rad or m]
-    causes: Array  #: Thermal growth, placement of the part, coordinates of the robot. Shape (k, b). [1, m, rad, 1]
+    causes: Array  #: Thermal growth, coordinates of the placement of the part and of the robot. Shape (k, b).
     shift: Array  #: Motion of the tip due to `causes`, at the posture of the task. Shape (3, b, n). [m]
     wrench: Array  #: Wrench on the tool. Shape (6, b, n). [N, N m]
     repeat: Array  #: Scatter of the tip from part to part. Shape (3, b). [m]
@@ -100,15 +99,13 @@ def build_context(
     length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(task.position, axis=0), axis=1))])
     knots = min(int(np.ceil(length[-1] / CORRELATION * KNOTS)) + 2, MOST_KNOTS)
     spacing = max(length[-1], 1e-9) / (knots - 1)
-    shift, scale = differentiate_placements(task, noise)
     return SampleContext(
         noise=noise,
         factors=factors,
         wrench=np.ascontiguousarray(task.wrench.T),
         nq=task.robot.nq,
         link_share=task.chain.link_share,
-        shift=shift,
-        scale=scale,
+        shift=differentiate_placements(task, noise),
         knot=np.minimum(length / spacing, knots - 1.000001),
         forget=float(np.exp(-spacing / CORRELATION)),
         repeatability=robot_uncertainty(task.robot).repeatability or 0.0,
@@ -116,19 +113,18 @@ def build_context(
     )
 
 
-def differentiate_placements(task: PlanTask, noise: NoiseTable) -> tuple[Array, Array]:
-    """Return the motion of the tip by thermal growth, part frame and robot, (k, 3, n), and their sigmas, (k,).
+def differentiate_placements(task: PlanTask, noise: NoiseTable) -> Array:
+    """Return the motion of the tip by thermal growth, placement of the part and robot. Shape (k, 3, n). [m]
 
-    Growth is differentiated on the unloaded robot: the load changes it only by the relative deflection.
+    Growth is differentiated on the unloaded robot: the load changes it only by the relative deflection. An absolute
+    part frame has the assumed deviations of `noise` if none are stated.
     """
-    parts = [grow_arm(task.robot, task.q_start)]
-    scale = [noise.temperature_K * EXPANSION]
-    if task.touched is not None and read_placement(noise) is None:
-        parts += list(np.moveaxis(task.touched.spread_part(task.position), 2, 0))
-        scale += [1.0] * 6
-    else:
-        parts += list(np.moveaxis(rigid_columns(task.position, task.position.mean(axis=0)), 2, 0))
-        scale += [noise.part_frame_mm * 1e-3] * 3 + [float(np.radians(noise.part_frame_deg))] * 3
+    middle = task.position.mean(axis=0)
+    placed = spread_placement(noise, task.touched, task.position, middle)
+    if placed is None:
+        width = [noise.part_frame_mm * 1e-3, np.radians(noise.part_frame_deg)]
+        placed = rigid_columns(task.position, middle) * np.repeat(width, 3)
+    parts = [grow_arm(task.robot, task.q_start), *np.moveaxis(placed, 2, 0)]
     rows = pick_rows(np.ones(len(task), bool), STATIONS)
     scene = build_path_model(task.robot, task.q_start, task.wrench, task.step_time)
     posterior = build_posterior(task.robot, task.q_start, np.zeros((task.robot.nq, len(task))))
@@ -137,7 +133,7 @@ def differentiate_placements(task: PlanTask, noise: NoiseTable) -> tuple[Array, 
         *move_by_smooth_errors(task.position[rows], robot_uncertainty(task.robot), task.touched),
     ]
     parts += [interpolate(np.arange(len(task)), rows, values) for values in drawn]
-    return np.ascontiguousarray(np.swapaxes(np.array(parts), 1, 2)), np.array(scale + [1.0] * len(drawn))
+    return np.ascontiguousarray(np.swapaxes(np.array(parts), 1, 2))
 
 
 def grow_arm(robot: Robot, q: Array) -> Array:
@@ -159,10 +155,9 @@ def sample_robots(at: SampleContext, points: Array) -> SampledRobots:
     share = np.repeat(at.link_share[:, None], len(points), axis=1)
     unsure = (at.link_share > 0.0) & (at.link_share < 1.0)
     share[unsure] = np.clip(share[unsure] + noise.link_share * take("link_share"), 0.0, 1.0)
-    moving = ("temperature", "part_frame")
     robot = take("posterior")
-    causes = np.vstack([*(take(name) for name in moving), robot])
-    causes *= at.scale[:, None]
+    growth = noise.temperature_K * EXPANSION * take("temperature")
+    causes = np.vstack([growth, take("part_frame"), robot])
     bias, noises, drift = take("force_bias"), _Noises(at, points), DRIFT * noise.force_noise_N
     shares = np.vstack([take("wrench_level"), take("wrench_direction")])
     shares = at.posterior.push(robot, shares)

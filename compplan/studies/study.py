@@ -185,7 +185,7 @@ def _prepare_command(task: PlanTask, answer: Command, selection: Array, noise: N
         spring_factor=np.where(between, spring_gain @ np.abs(selection), 1.0),
         theta=np.ascontiguousarray(state.loaded.theta.T),
         offset=offset,
-        placements=differentiate_placements(replace(task, q_start=answer.q), noise)[0] if elsewhere else None,
+        placements=differentiate_placements(replace(task, q_start=answer.q), noise) if elsewhere else None,
     )
 
 
