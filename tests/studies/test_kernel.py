@@ -136,7 +136,7 @@ def study() -> Study:
 def tips(study: Study, z: np.ndarray) -> np.ndarray:
     """Return the tips of robots at coordinates z (b, r), everything else at its mean. Shape (b, n, 3). [m]"""
     columns = study.context.factors.columns
-    points = np.full((len(z), study.context.factors.size), 0.5)
+    points = np.full((len(z), len(study.context.factors.groups)), 0.5)
     points[:, columns["posterior"]] = ndtr(z)
     return np.moveaxis(run_strategy(study, "none", sample_robots(study.context, points)), 0, -1)
 
@@ -192,7 +192,7 @@ def test_a_force_that_was_taught_with_the_robot_goes_with_it_in_samples_too(monk
     rest = {key: value for key, value in REST.items() if key not in ("wrench_level", "wrench_direction_deg")}
     study = prepare_study(task, NoiseTable(**rest), ["none"], force=force)
     columns = study.context.factors.columns
-    points = np.full((3, study.context.factors.size), 0.5)
+    points = np.full((3, len(study.context.factors.groups)), 0.5)
     points[1:, columns["posterior"].start] = ndtr(1.5)  # one deviation and a half softer
     points[2:, columns["wrench_level"]] = ndtr(1.0)
     seen = np.moveaxis(run_strategy(study, "none", sample_robots(study.context, points)), 0, -1)
