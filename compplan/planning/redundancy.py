@@ -73,13 +73,6 @@ class ReferenceRun(NamedTuple):
     passing: Array
 
 
-class OptimisationFigures(NamedTuple):
-    """Figures of the optimisation of a start."""
-
-    iterations: int  #: Iterations of the solver.
-    names: tuple[str, ...]  #: Free coordinates.
-
-
 class FreeCoordinates(NamedTuple):
     """Free coordinates at the stations of a task."""
 
@@ -175,7 +168,7 @@ def state_problem(
 
 def shape_start(
     task: PlanTask, start: Start, request: PathRequest, weights: CostWeights, reference: ReferenceRun
-) -> tuple[Start, OptimisationFigures] | None:
+) -> Start | None:
     """Solve the program of posture and speed from the start of a task; None if nothing is free or feasible."""
     posture_choice, settings = start.posture_choice, start.settings
     if posture_choice is None or task.missed.any():
@@ -203,7 +196,8 @@ def shape_start(
         while share > LEAST_SHARE and not _keeps_clear(scene, clear + share * (solution.q - clear), settings.clearance):
             share *= 0.5
         clear = clear + share * (solution.q - clear)
-    return None if found is None else (found, OptimisationFigures(iterations, free.names))
+    facts = {**(start.program or {}), "free": list(free.names), "steps": iterations}
+    return None if found is None else replace(found, program=facts)
 
 
 def _follow(

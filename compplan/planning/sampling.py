@@ -189,7 +189,7 @@ def divide_task(task: PlanTask, places: Array, lead: NDArray[np.bool_] | None = 
     new = replace(
         task, nominal=nominal, rotation=rotation, compensated=compensated, q_start=q, missed=missed, rests=rests,
         lead=leads, wrench=np.zeros((len(places), 6)), bias=None, links=None, step_time=programmed_times(nominal),
-        places=np.interp(places, np.arange(len(task)), task.origin),
+        origin=np.interp(places, np.arange(len(task)), task.origin),
     )  # fmt: skip
     return replace(new, wrench=predict_loads(new))
 
