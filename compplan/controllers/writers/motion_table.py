@@ -89,7 +89,8 @@ def read_motion(
         given = getattr(table, key)
         given = (0.0,) * nq if given is None else given
         if isinstance(given, tuple) and len(given) != nq:
-            raise InputError(f"has {len(given)} numbers, expected {nq}, one per joint", file=file, where=f"motion.{key}")
+            message = f"has {len(given)} numbers, expected {nq}, one per joint"
+            raise InputError(message, file=file, where=f"motion.{key}")
         values[name] = unit * (np.array(given, dtype=np.float64) if isinstance(given, tuple) else given)
     velocity, acceleration = limits
     acceleration = np.where(np.isfinite(acceleration), acceleration, velocity / FULL_SPEED)
