@@ -29,9 +29,9 @@ from compplan.reporting.along_path import (
     chart_wrench,
     draw_joints,
     draw_shares,
-    find_spans,
     place_stations,
 )
+from compplan.reporting.charts import find_spans
 from compplan.reporting.page import Block, Cell, Chart, Columns, DataTable, Fold, Section, render_page
 from compplan.reporting.plan_summary import open_plan
 from compplan.reporting.provenance import describe_robot, list_assumptions
