@@ -22,14 +22,7 @@ from compplan.controllers.writers import joint_convention
 from compplan.errors import InputError
 from compplan.io.tables import write_table
 from compplan.reporting.charts import thin_path
-from compplan.reporting.scenes import (
-    MESH_COLOURS,
-    Shape,
-    carry_links,
-    locate_links,
-    place_shapes,
-    simplify_mesh,
-)
+from compplan.reporting.scenes import MESH_COLOURS, Shape, carry_links, locate_links, place_shapes, simplify_mesh
 from compplan.robot import Array, Robot
 from compplan.robot.solids import triangulate_box
 
