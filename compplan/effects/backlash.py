@@ -35,7 +35,12 @@ SWING, LEAST_SWING = 0.02, 1e-6
 
 
 def signatures(at: Linearization) -> Iterable[Signature]:
-    """Return a signature for every joint approached from both sides; positive where the link lags."""
+    """Return a signature for every joint approached from both sides; positive where the link lags.
+
+    None if the approach of most rows is unknown, as where each pose has a run label of its own.
+    """
+    if 2 * at.campaign.first_visit.sum() > len(at.campaign):
+        return
     free = ~at.campaign.link_controlled
     for index, joint in enumerate(at.robot.actuated):
         direction = at.campaign.approach[:, index] * free
