@@ -181,9 +181,8 @@ class Campaign(Shown):
         """
         if not len(self):
             return np.zeros(0, int)
-        moved = np.abs(np.diff(np.nan_to_num(self.q), axis=0)).max(1) > STATIC_JITTER
         loaded = self.is_load(np.diff(np.nan_to_num(self.wrench), axis=0))
-        new = moved | loaded | (np.diff(self.run_index) > 0) | self.on_path[1:] | (np.diff(self.target_index) != 0)
+        new = loaded | (np.diff(self.stay) > 0) | (np.diff(self.target_index) != 0)
         if self.mode is not None:
             new |= self.mode[1:] != self.mode[:-1]
         return np.cumsum(np.r_[False, new])
