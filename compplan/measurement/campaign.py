@@ -114,8 +114,8 @@ class Campaign(Shown):
     def run_index(self) -> NDArray[np.int_]:
         """Return the number of the run of each row, in order of appearance. Shape (n,).
 
-        Rows of one run were taken without a break, so runs at rest whose rows alternate (as where the label tells the
-        load of each pose) count as one.
+        Rows of one run were taken without a break. Runs at rest whose rows alternate count as one, as where the label
+        is the load of a pose.
         """
         _, label = np.unique(self.run, return_inverse=True)
         last = np.zeros(label.max(initial=-1) + 1, int)
