@@ -8,10 +8,6 @@ frames (`parameters`). Weighted, robust Gauss-Newton (`estimate`) is validated o
 """
 
 from compplan.identification.estimate import Estimate, Inseparable, estimate_parameters
-from compplan.identification.parameters import (
-    FreeRobot,
-    Parameter,
-    build_structure,
-)
+from compplan.identification.parameters import FreeRobot, Parameter, build_structure
 from compplan.identification.reduce import ReducedModel, reduce_model
 from compplan.measurement.fit.rows import KNOWN_FRAMES, Rows

@@ -146,9 +146,9 @@ def format_figures(figures: Sequence[tuple[str, str]]) -> list[str]:
     return lines
 
 
-def cut_line(line: str) -> str:
-    """Shorten a long line at a word."""
-    return line if len(line) <= MOST_LETTERS else line[: MOST_LETTERS - 4].rpartition(" ")[0] + " ..."
+def cut_line(line: str, most: int = MOST_LETTERS) -> str:
+    """Shorten a line of more than `most` characters at a word."""
+    return line if len(line) <= most else line[: most - 3].rpartition(" ")[0] + " ..."
 
 
 def draw_curves(curves: Curves, axes: Axes) -> Axes:

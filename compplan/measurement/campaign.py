@@ -114,8 +114,8 @@ class Campaign(Shown):
     def run_index(self) -> NDArray[np.int_]:
         """Return the number of the run of each row, in order of appearance. Shape (n,).
 
-        Rows of one run were taken without a break, so runs at rest whose rows alternate (as where the label states the
-        load of each pose) count as one.
+        Rows of one run were taken without a break. Runs at rest whose rows alternate count as one, as where the label
+        is the load of a pose.
         """
         _, label = np.unique(self.run, return_inverse=True)
         last = np.zeros(label.max(initial=-1) + 1, int)
@@ -183,9 +183,8 @@ class Campaign(Shown):
         """
         if not len(self):
             return np.zeros(0, int)
-        moved = np.abs(np.diff(np.nan_to_num(self.q), axis=0)).max(1) > STATIC_JITTER
         loaded = self.is_load(np.diff(np.nan_to_num(self.wrench), axis=0))
-        new = moved | loaded | (np.diff(self.run_index) > 0) | self.on_path[1:] | (np.diff(self.target_index) != 0)
+        new = loaded | (np.diff(self.stay) > 0) | (np.diff(self.target_index) != 0)
         if self.mode is not None:
             new |= self.mode[1:] != self.mode[:-1]
         return np.cumsum(np.r_[False, new])

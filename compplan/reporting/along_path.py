@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from compplan.io.palette import CATEGORIES, DASHES, LIMIT, NEUTRAL
 from compplan.io.quantities import format_number
-from compplan.reporting.charts import Figure, thin_rows, use_decades
+from compplan.reporting.charts import Figure, find_spans, thin_rows, use_decades
 from compplan.reporting.page import Chart
 from compplan.robot import Array
 
@@ -57,12 +57,6 @@ def place_stations(position: Array, time: Array, cut: NDArray[np.bool_], failure
     last = np.minimum(spans[:, 1] + 1, len(cut) - 1)  # include the point of contact that ends a rapid move
     shaded = length[np.column_stack([np.maximum(spans[:, 0] - 1, 0), last]).astype(int)].reshape(-1, 2)
     return Stations(length, time, np.array(sorted(failures), int), shaded)
-
-
-def find_spans(flags: NDArray[np.bool_]) -> NDArray[np.int_]:
-    """Find the runs of true values: first and last row of each. Shape (k, 2)."""
-    edges = np.diff(np.concatenate([[False], flags, [False]]).astype(np.int8))
-    return np.column_stack([np.flatnonzero(edges == 1), np.flatnonzero(edges == -1) - 1])
 
 
 class PathPanel(NamedTuple):

@@ -165,13 +165,18 @@ def draw_curves(curves: Curves) -> Figure:
 
 def add_area(figure: Figure, x: Array, y: Array, name: str, colour: str, **keys: Any) -> dict[str, Any]:
     """Fill the area below a line with gaps, as a separate trace: the fill of a line itself would bridge its gaps."""
-    known = np.diff(np.concatenate([[False], np.isfinite(y), [False]]).astype(np.int8))
-    spans = np.column_stack([np.flatnonzero(known == 1), np.flatnonzero(known == -1) - 1])
+    spans = find_spans(np.isfinite(y))
     order = np.argsort(np.r_[np.arange(len(x)), spans[:, 0] - 0.5, spans[:, 1] + 0.5], kind="stable")
     along, high = np.r_[x, x[spans[:, 0]], x[spans[:, 1]]], np.r_[np.nan_to_num(y), np.zeros(spans.size)]
     return figure.line(
         along[order], high[order], name, fill="tozeroy", fillcolor=colour, line={"width": 0}, hoverinfo="skip", **keys
     )
+
+
+def find_spans(flags: NDArray[np.bool_]) -> NDArray[np.int_]:
+    """Find the runs of true values: first and last row of each. Shape (k, 2)."""
+    edges = np.diff(np.concatenate([[False], flags, [False]]).astype(np.int8))
+    return np.column_stack([np.flatnonzero(edges == 1), np.flatnonzero(edges == -1) - 1])
 
 
 class Bars(NamedTuple):

@@ -12,26 +12,13 @@ from numpy.typing import NDArray
 
 from compplan.io.notes import list_remarks
 from compplan.io.palette import AFTER, BEFORE, CATEGORIES, LIMIT, NEUTRAL
-from compplan.io.quantities import (
-    format_length,
-    format_number,
-    format_percent,
-    format_set_length,
-    format_set_value,
-)
+from compplan.io.quantities import format_length, format_number, format_percent, format_set_length, format_set_value
 from compplan.io.tables import write_text
 from compplan.planning.notes import describe_causes, mark_slow
 from compplan.planning.posture.costs import ASSUMED
 from compplan.process.force_models import name_force_model
-from compplan.reporting.along_path import (
-    Stations,
-    chart_lines,
-    chart_wrench,
-    draw_joints,
-    draw_shares,
-    find_spans,
-    place_stations,
-)
+from compplan.reporting.along_path import Stations, chart_lines, chart_wrench, draw_joints, draw_shares, place_stations
+from compplan.reporting.charts import find_spans
 from compplan.reporting.page import Block, Cell, Chart, Columns, DataTable, Fold, Section, render_page
 from compplan.reporting.plan_summary import open_plan
 from compplan.reporting.provenance import describe_robot, list_assumptions

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import re
-import textwrap
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,6 +12,7 @@ import numpy as np
 
 from compplan.controllers.writers.frames import flange_turn, place_numbers, rotation_vectors
 from compplan.controllers.writers.joint_convention import load_controller, locate_pendant
+from compplan.io.display import cut_line
 from compplan.io.notes import list_remarks, list_stops
 from compplan.io.quantities import (
     format_length,
@@ -230,7 +230,7 @@ def format_plan(plan: Plan, folder: Path, files: Sequence[Path]) -> list[str]:
     step = f"next: {step[0].lower()}{step[1:].rstrip('.')}"
     wrote = format_files(folder, files, count_notes(plan.notes), plan.status)
     stops = [f"before the machine moves: {stop}" for stop in list_stops([*plan.reasons, *plan.notes])]
-    return [*map(_shorten, lines), *stops, wrote, step]
+    return [*(cut_line(line, WIDTH) for line in lines), *stops, wrote, step]
 
 
 def _format_band(plan: Plan) -> str:
@@ -263,10 +263,6 @@ def count_notes(notes: Iterable[str]) -> str:
     """Return the number of remarks in the report, in parentheses; "" for none."""
     count = len(list_remarks(notes))
     return f" ({count} note{'s' * (count > 1)})" if count else ""
-
-
-def _shorten(text: str) -> str:
-    return textwrap.shorten(text, WIDTH, placeholder=" ...") if len(text) > WIDTH else text
 
 
 def _format_verdict(plan: Plan) -> str:

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 
 from compplan.robot.model import Array, Robot
+from compplan.robot.pose import follow_joints
 
 #: Components of a direction below this count as zero.
 NOTHING = 1e-6
@@ -12,11 +15,8 @@ NOTHING = 1e-6
 
 def mounted_tool(robot: Robot) -> Array:
     """Return the pose of the TCP frame in the flange frame. Shape (4, 4). [m]"""
-    pose, beyond = np.eye(4), False
-    for joint in robot.joints:
-        beyond = beyond or joint.parent == robot.flange
-        pose = pose @ joint.placement if beyond else pose
-    return pose
+    beyond = itertools.dropwhile(lambda joint: joint.parent != robot.flange, robot.joints)
+    return follow_joints(robot.flange, list(beyond), {})[robot.tcp]
 
 
 def outward_axis(robot: Robot) -> Array:

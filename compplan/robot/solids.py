@@ -127,17 +127,15 @@ def cut_tip(mesh: Any, tip: Array, zone: float) -> Any:
     import trimesh
 
     vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces)
-    for _ in range(CUT_ROUNDS):
+    for count in range(CUT_ROUNDS + 1):
         corners = vertices[faces]
         edges = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
         nearest = trimesh.triangles.closest_point(corners, np.tile(tip, (len(faces), 1)))
         near = np.linalg.norm(nearest - tip, axis=1) < zone
         inside = (np.linalg.norm(corners - tip, axis=2) < zone).all(axis=1)
         straddling = near & ~inside & (edges > 0.2 * zone)
-        if zone <= 0 or not straddling.any():
+        if zone <= 0 or count == CUT_ROUNDS or not straddling.any():
             break
         vertices, faces = trimesh.remesh.subdivide(vertices, faces, face_index=np.flatnonzero(straddling))
-    corners = vertices[faces]
-    nearest = trimesh.triangles.closest_point(corners, np.tile(tip, (len(faces), 1)))
-    kept = faces[np.linalg.norm(nearest - tip, axis=1) >= zone]
+    kept = faces[~near]
     return trimesh.Trimesh(vertices, kept, process=False) if len(kept) else None

@@ -13,7 +13,15 @@ from scipy.spatial.transform import Rotation
 from compplan.controllers.readback.languages import read_fanuc, read_krl, read_rapid
 from compplan.controllers.readback.poses import Move
 from compplan.controllers.readback.scripts import read_inform
-from compplan.controllers.writers import Program, build_program, check_languages, fanuc_ls, inform, krl
+from compplan.controllers.writers import (
+    Program,
+    build_program,
+    check_languages,
+    fanuc_ls,
+    inform,
+    joint_convention,
+    krl,
+)
 from compplan.controllers.writers import rapid as rapid_language
 from compplan.controllers.writers.fit import fit_moves
 from compplan.errors import InputError
@@ -21,7 +29,7 @@ from compplan.job.job import Job, check_job, load_job
 from compplan.planning.plan import job_robot, plan_job
 from compplan.reporting.scenes import locate_links
 from compplan.reporting.writers.plan import deliver_plan
-from compplan.reporting.writers.recording import locate_chain, place_arm
+from compplan.reporting.writers.recording import place_arm
 from compplan.robot import Array, Robot, load_robot, read_robot_folder, write_robot_folder
 from compplan.simulation.exact import build_exact_robot, solve_exact_pose
 from compplan.simulation.exact_model import read_exact_robot
@@ -235,8 +243,8 @@ def test_a_language_that_a_robot_cannot_have_is_refused_before_the_plan(name: st
 def test_the_picture_and_the_viewer_keep_the_ground_still_and_move_table_and_part() -> None:
     robot = read_robot_folder(TABLE)
     q = draw(5, 1)[0][0]
-    drawn, seen = locate_links(robot, q), locate_chain(robot, q)
-    for poses in (drawn, {link: np.linalg.inv(seen[robot.ground]) @ pose for link, pose in seen.items()}):
+    drawn, seen = locate_links(robot, q), joint_convention.locate_links(robot, q[None])
+    for poses in (drawn, {link: np.linalg.inv(seen[robot.ground][0]) @ pose[0] for link, pose in seen.items()}):
         np.testing.assert_allclose(poses["base_link"], np.eye(4), atol=1e-12)
         np.testing.assert_allclose(poses["plate"], plate_pose(*q[:2]), atol=1e-8)
     assert {"plate", "cradle", "base_link"} <= {solid.name for solid in place_arm(robot)}

@@ -12,6 +12,7 @@ from click.testing import CliRunner
 from montecarlo_cases import cone_job
 
 from compplan.cli import group
+from compplan.controllers.writers import joint_convention
 from compplan.errors import InputError
 from compplan.io.palette import NEUTRAL
 from compplan.planning.plan import Plan, plan_job
@@ -25,7 +26,7 @@ from compplan.reporting.view.scene import (
     read_colour,
 )
 from compplan.reporting.writers.plan import write_plan
-from compplan.reporting.writers.recording import ROWS, PlanRecording, locate_chain, place_arm, read_recording
+from compplan.reporting.writers.recording import ROWS, PlanRecording, place_arm, read_recording
 from compplan.robot import load_robot
 
 
@@ -65,8 +66,8 @@ def test_the_folder_tells_the_deviations_of_the_plan(plan: Plan, folder: Path, s
 def test_the_links_of_the_cell_are_where_the_robot_has_them(name: str) -> None:
     robot = load_robot(name)
     q = np.random.default_rng(3).uniform(-0.5, 0.5, (4, robot.nq))
-    for link, poses in locate_chain(robot, q).items():
-        for row, pose in enumerate(np.broadcast_to(poses, (4, 4, 4))):
+    for link, poses in joint_convention.locate_links(robot, q).items():
+        for row, pose in enumerate(poses):
             np.testing.assert_allclose(pose, locate_links(robot, q[row])[link], atol=1e-8)
     assert len(place_arm(robot)) >= 5
 

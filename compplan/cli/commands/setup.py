@@ -136,12 +136,7 @@ def _check_form(words: tuple[str, ...], options: Mapping[str, Any]) -> str:
 
 
 def _init_job(file: Path, robot_name: str | None, toolpath: str | None, *, short: bool) -> list[str]:
-    from compplan.job.commented_job import (
-        describe_mount,
-        read_called_tools,
-        shorten_job,
-        write_job_text,
-    )
+    from compplan.job.commented_job import describe_mount, read_called_tools, shorten_job, write_job_text
 
     _refuse_existing(file)
     if file.suffix.lower() != ".toml":

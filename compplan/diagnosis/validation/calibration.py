@@ -260,7 +260,8 @@ def solve_means(
     if start is None:
         variance = np.where(group < 0, EVIDENCE.free_variance, unit2)
         noise = np.array([np.mean(y[used & (channel == k)] ** 2) for k in range(len(means.least))])
-        noise, weight = np.maximum(CALIBRATION.first_noise * noise, means.least), used.astype(float)
+        noise = np.fmax(CALIBRATION.first_noise * noise, means.least)  # a channel without used rows has no mean
+        weight = used.astype(float)
     else:
         variance, noise = start.variance[alive], start.noise.copy()
         weight = used * _weigh(y - explained, noise[channel])

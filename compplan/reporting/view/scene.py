@@ -79,11 +79,6 @@ class PlanScene:
             known[ERROR_BAND] = "95 % band of the true tip"
         return known
 
-    @property
-    def count(self) -> int:
-        """Number of rows."""
-        return len(self.recording.time)
-
     @cached_property
     def cut(self) -> NDArray[np.bool_]:
         """Rows of the cut. Shape (n,)."""
@@ -125,26 +120,9 @@ class PlanScene:
             tip if way == ERROR_BAND else tip + magnify * np.nan_to_num(self.recording.deviation[way][rows])
         )
 
-    def draw_path(self, way: str, magnify: float) -> Lines:
-        """Draw the path of the loaded tip, coloured by its deviation against the tolerance."""
-        return join_rows(self.place(way, magnify), paint_sizes(self.sizes[way], self.top(way) / LAST))
-
-    def draw_wanted(self) -> Lines:
-        """Draw the nominal path in grey."""
-        return join_rows(self.recording.tip, paint_sizes(np.full(self.count, np.nan), 1.0))
-
     def pose_links(self, row: int) -> dict[str, Array]:
         """Return the pose of every link as commanded. Shape (4, 4) each. [m]"""
         return dict(zip(self.recording.facts["links"], self.recording.poses[row], strict=True))
-
-    @cached_property
-    def greatest_force(self) -> float:
-        """Greatest force on the tool [N]."""
-        return float(np.linalg.norm(self.recording.force, axis=1).max(initial=0.0))
-
-    def find_row(self, time: float) -> int:
-        """Return the row at a time [s]."""
-        return int(np.clip(np.searchsorted(self.recording.time, time), 0, self.count - 1))
 
     def tell(self, row: int) -> str:
         """Describe a row as markdown: deviations, joints, force, posture."""

@@ -14,9 +14,19 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from compplan.errors import InputError
+from compplan.io.palette import NEUTRAL
 from compplan.io.quantities import format_length, format_set_length
 from compplan.reporting.provenance import GRADE_MEANING
-from compplan.reporting.view.scene import ERROR_BAND, Lines, PlanScene, pick_point
+from compplan.reporting.view.scene import (
+    ERROR_BAND,
+    LAST,
+    Lines,
+    PlanScene,
+    join_rows,
+    paint_sizes,
+    pick_point,
+    read_colour,
+)
 from compplan.reporting.writers.recording import read_recording
 from compplan.robot import Array
 
@@ -60,12 +70,14 @@ class PlanViewer:
         self.row, self.lock, self.written, self.running = scene.start, threading.RLock(), 0.0, True
         self._add_cell()
         tip = scene.recording.tip
-        self.extent = max(float(np.ptp(tip, axis=0).max()), 0.05)
+        extent = max(float(np.ptp(tip, axis=0).max()), 0.05)
+        greatest = float(np.linalg.norm(scene.recording.force, axis=1).max(initial=0.0))
+        self.metres_per_newton = FORCE_LENGTH * max(extent, 1.0) / max(greatest, 1e-9)
         self._build_panel()
-        size = 0.012 * self.extent + 0.001
+        size = 0.012 * extent + 0.001
         self.marker = server.scene.add_icosphere(f"{self.root}/tip", radius=size, color=MARK)
         self.force = self.draw("/force", Lines(np.zeros((1, 2, 3), np.float32), DARK), 3.0)
-        self.draw("/wanted", scene.draw_wanted(), 1.5)
+        self.draw("/wanted", join_rows(tip, np.tile(read_colour(NEUTRAL), (len(tip), 1))), 1.5)
         poses = scene.pose_links(scene.start)
         self.move(poses)
         self.look_at(tip[scene.cut], poses)
@@ -139,7 +151,9 @@ class PlanViewer:
         self.magnify = gui.add_slider("deviation times", min=1, max=500, step=1, initial_value=first)
         self.bar = gui.add_markdown("")
         self.play = gui.add_checkbox("play", initial_value=False)
-        self.slider = gui.add_slider("waypoint", min=0, max=scene.count - 1, step=1, initial_value=self.row)
+        self.slider = gui.add_slider(
+            "waypoint", min=0, max=len(scene.recording.time) - 1, step=1, initial_value=self.row
+        )
         self.speed = gui.add_slider("speed, times real", min=0.1, max=20.0, step=0.1, initial_value=1.0)
         self.worst = gui.add_button("worst place")
         with gui.add_folder("this waypoint"):
@@ -172,7 +186,8 @@ class PlanViewer:
         """Redraw path, colour legend and current row."""
         with self.lock, self.server.atomic():
             way, magnify = self.chosen, float(self.magnify.value)
-            self.draw("/path", self.scene.draw_path(way, magnify), 6.0)
+            colours = paint_sizes(self.scene.sizes[way], self.scene.top(way) / LAST)
+            self.draw("/path", join_rows(self.scene.place(way, magnify), colours), 6.0)
             ends = format_length(self.scene.top(way)), format_set_length(self.scene.recording.tolerance)
             self.bar.content = "Deviation: blue none, dark red {}; tolerance {}".format(*ends)
             self.show_row(self.row)
@@ -186,8 +201,7 @@ class PlanViewer:
                 self.move(self.scene.pose_links(row))
                 tip = self.scene.place(way, magnify, row)
                 self.marker.position = tip
-                longest = FORCE_LENGTH * max(self.extent, 1.0) / max(self.scene.greatest_force, 1e-9)
-                force = longest * self.scene.recording.force[row]
+                force = self.metres_per_newton * self.scene.recording.force[row]
                 self.force.points = np.stack([tip, tip + force]).astype(np.float32)[None]
             if time.monotonic() - self.written > 1.0 / PANEL or not self.play.value:
                 self.written = time.monotonic()
@@ -208,19 +222,19 @@ class PlanViewer:
         self.show_row(row)
 
     def _run(self) -> None:
-        clock, shown = 0.0, time.monotonic()
+        clock, shown, times = 0.0, time.monotonic(), self.scene.recording.time
         while self.running:
             time.sleep(1.0 / PICTURES)
             now = time.monotonic()
             if not self.play.value:
-                clock, shown = float(self.scene.recording.time[self.row]), now
+                clock, shown = float(times[self.row]), now
                 continue
             clock += (now - shown) * float(self.speed.value)
             shown = now
-            if clock > self.scene.recording.time[-1]:
+            if clock > times[-1]:
                 clock = 0.0
             before = self.written
-            self.show_row(self.scene.find_row(clock))
+            self.show_row(int(np.searchsorted(times, clock)))
             if self.written != before:
                 self.slider.value = self.row
 

@@ -18,19 +18,12 @@ from zipfile import BadZipFile
 import numpy as np
 from numpy.typing import NDArray
 
+from compplan.controllers.writers import joint_convention
 from compplan.errors import InputError
 from compplan.io.tables import write_table
 from compplan.reporting.charts import thin_path
-from compplan.reporting.scenes import (
-    MESH_COLOURS,
-    Shape,
-    carry_links,
-    locate_links,
-    place_shapes,
-    simplify_mesh,
-)
+from compplan.reporting.scenes import MESH_COLOURS, Shape, carry_links, locate_links, place_shapes, simplify_mesh
 from compplan.robot import Array, Robot
-from compplan.robot.pose import follow_joints
 from compplan.robot.solids import triangulate_box
 
 if TYPE_CHECKING:
@@ -53,7 +46,7 @@ def write_recording(plan: Plan, folder: Path, table: Mapping[str, NDArray[Any]],
     rows = thin_path(tip, sizes, ROWS)
     robot, task = plan.robot, plan.task
     q = np.vstack([plan.approach.q, plan.q, plan.retract.q])[table_rows][rows]
-    poses, shapes = locate_chain(robot, q), [*place_arm(robot), *_place_cell(plan)]
+    poses, shapes = joint_convention.locate_links(robot, q), [*place_arm(robot), *_place_cell(plan)]
     facts = {
         "name": plan.name, "robot": robot.name, "grade": robot.grade, "tolerance_mm": 1e3 * task.tolerance,
         "configuration": dict(task.configuration), "ground": robot.ground,
@@ -65,17 +58,12 @@ def write_recording(plan: Plan, folder: Path, table: Mapping[str, NDArray[Any]],
         "move": table["move"][rows], "error_band": band[rows],
         "joints": np.column_stack(list(robot.joint_columns(q).values())),
         "force": np.column_stack([table[f"f{axis}_N"] for axis in "xyz"])[rows],
-        "poses": np.stack(list(np.broadcast_arrays(*poses.values())), axis=1, dtype=np.float32),
+        "poses": np.stack(list(poses.values()), axis=1, dtype=np.float32),
     }  # fmt: skip
     arrays |= {way: values[rows] for way, values in deviation.items()}
     for k, shape in enumerate(shapes):
         arrays |= {f"vertices{k}": shape.vertices.astype(np.float32), f"faces{k}": shape.faces.astype(np.uint32)}
     np.savez(folder / FILE, **arrays)
-
-
-def locate_chain(robot: Robot, q: Array) -> dict[str, Array]:
-    """Locate the links of the chain in the base frame at joints q, shape (n, nq) [rad or m]; see `follow_joints`."""
-    return follow_joints(robot.base, robot.joints, dict(zip(robot.joint_names, q.T, strict=True)))
 
 
 def write_deviation(plan: Plan, path: Path, table_rows: NDArray[np.bool_]) -> dict[str, Array]:
