@@ -69,7 +69,7 @@ def choose_transfer(model: UpdateModel, gathered: Gathered, *, learned: bool = F
     names = ("without", "with the force", "with both")
     errors = ", ".join(f"{1e3 * value:.3g} mm {name}" for value, name in zip(rms, names, strict=True))
     chosen = "force and robot" if robot and pushes else "the robot" if robot else "the force" if force else "nothing"
-    reason = f"also serves other paths: {chosen} (rms deviation on left-out stretches of this part: {errors})"
+    reason = f"Learned for other paths too: {chosen} (rms deviation on left-out stretches of this part: {errors})"
     return Transfer(force or (robot and pushes), robot, reason, (float(rms[0]), float(rms[1]), float(rms[2])))
 
 

@@ -142,8 +142,10 @@ def _iterate_loads(
             divisions, run, turn = divisions + 1, None, 0
             continue
         if strategy == "nlp" and (coupled or not command.nlp):
-            progress("compensation: nonlinear program")
-            found = _solve_program(found)
+            progress("compensation: nonlinear program")  # for the loads at the fixed point
+            command = nlp.command_path(driven, command)
+            timing = state_timing(driven, command.q, time_between_cuts(driven, command.q, timing.time))
+            found = replace(found, command=command, timing=timing, between=measure_between(driven, command.q))
         return replace(found, executed=evaluate_executed(found.task, found.command.q, found.timing.time, output))
 
 
@@ -170,14 +172,6 @@ def _divide(
         return finer, slow, None
     q = finer.q_start + interpolate(at, np.arange(len(before)), command.links - task.q_start)
     return finer, slow, nlp.correct_command(finer, Command(np.clip(q, task.robot.lower, task.robot.upper)))
-
-
-def _solve_program(found: Compensation) -> Compensation:
-    """Solve the nonlinear program for the loads at the fixed point."""
-    task = found.task
-    command = nlp.command_path(task, found.command)
-    timing = state_timing(task, command.q, time_between_cuts(task, command.q, found.timing.time))
-    return replace(found, command=command, timing=timing, between=measure_between(task, command.q))
 
 
 def _moving_feed(task: PlanTask, timing: Timing) -> Array:

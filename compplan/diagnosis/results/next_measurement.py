@@ -142,9 +142,8 @@ def predict_columns(fit: Fit, at: Linearization) -> list[Array]:
     equations, n = fit.search.equations, len(at.campaign)
     claimed = [equations.signatures[claim.signature] for claim in fit.model.claims]
     looked_for = [s for s in claimed if s.name in (*SHIFTS, transmission_error.name)]
-    offered = offered_signatures(at, fit.problem.register, SHIFTS)
-    offered += propose_again(at, looked_for, {key_of(s) for s in looked_for})
-    by_key = {(s.place, s.form): s for s in offered}
+    again = propose_again(at, looked_for, {key_of(s) for s in looked_for})
+    by_key = {(s.place, s.form): s for s in (*offered_signatures(at, fit.problem.register, SHIFTS), *again)}
     designs = [np.zeros((n, channel.residual.shape[1], equations.p)) for channel in equations.source]
     done: set[int] = set()
     for number, signature in enumerate(equations.signatures):
