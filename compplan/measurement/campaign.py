@@ -114,7 +114,7 @@ class Campaign(Shown):
     def run_index(self) -> NDArray[np.int_]:
         """Return the number of the run of each row, in order of appearance. Shape (n,).
 
-        Rows of one run were taken without a break, so runs at rest whose rows alternate (as where the label tells the
+        Rows of one run were taken without a break, so runs at rest whose rows alternate (as where the label names the
         load of each pose) count as one.
         """
         _, label = np.unique(self.run, return_inverse=True)
