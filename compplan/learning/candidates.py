@@ -20,14 +20,20 @@ from compplan.errors import InputError
 from compplan.measurement.campaign import Campaign
 from compplan.measurement.equipment import GAUGE, SOCKETS
 from compplan.measurement.observations import CONTACT, READING, KnownDistances, Observations, along
-from compplan.measurement.pose_selection import take_clear
+from compplan.measurement.pose_selection import (
+    FLOOR,
+    approach_poses,
+    draw_postures,
+    pull_aside,
+    run_up,
+    take_clear,
+)
 from compplan.planning.posture.clearance import measure_margin
 from compplan.planning.posture.collision_scene import CollisionScene
 from compplan.robot import Array, Robot
 from compplan.robot.model import STANDARD_GRAVITY
 from compplan.robot.uncertainty import Unknown
 from compplan.statics.chain import build_chain, joint_jacobian, locate_frames
-from compplan.uncertainty.poses import FLOOR, approach_poses, draw_postures, pull_aside, run_up
 from compplan.uncertainty.sensitivities import build_varied_model, measure_slopes, select_model_rows
 
 #: Number of postures kept, and greatest number drawn.

@@ -33,8 +33,7 @@ from compplan.robot import Array, Robot
 from compplan.robot.pose import rigid_columns
 from compplan.robot.uncertainty import Uncertainty
 from compplan.uncertainty.band import Slopes, split_covariance
-from compplan.uncertainty.ladder import pose_variance
-from compplan.uncertainty.poses import LOOSE
+from compplan.uncertainty.ladder import LOOSE, pose_variance
 
 #: Least relative reduction of the band by a further pose.
 WORTH = 0.005

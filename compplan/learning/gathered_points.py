@@ -26,7 +26,8 @@ ALONE = 10.0
 #: Singular values of shift and turn below this share of the largest are not observable (rounding).
 OBSERVABLE = 1e-6
 #: A rigid motion is not observable if the measured directions contain less than this share of it, such as the turn
-#: about the axis of a circle that was probed radially (assumed: measuring directions are known to a degree).
+#: about the axis of a circle that was probed radially (assumed: measuring directions are known to a degree, and to the
+#: angle between the moves of the path, across which points are measured).
 ACROSS = 0.02
 #: Least share of the squared deviation that a reported rigid motion of the part explains, and least ratio to the noise
 #: (assumed).
@@ -110,7 +111,10 @@ def describe_whole(gathered: Gathered, tip: Array, R_base_part: Array, expected:
     left, value, right = np.linalg.svd(matrix / sigma[:, None], full_matrices=False)
     shares = left.T @ (seen / sigma)  # each of variance 1
     across, moved = (np.linalg.norm(part @ right.T, axis=0) for part in (matrix, rigid.reshape(-1, 6)))
-    clear = (np.abs(shares) > CLEAR) & (value > OBSERVABLE * value.max(initial=0.0)) & (across > ACROSS * moved)
+    ways = np.diff(tip, axis=0) / np.maximum(np.linalg.norm(np.diff(tip, axis=0), axis=1, keepdims=True), 1e-12)
+    bend = float(np.median(np.linalg.norm(np.diff(ways, axis=0), axis=1))) if len(tip) > 2 else 0.0
+    clear = (np.abs(shares) > CLEAR) & (value > OBSERVABLE * value.max(initial=0.0))
+    clear &= across > max(ACROSS, bend) * moved
     motion = right[clear].T @ (shares[clear] / value[clear])
     rest = seen - matrix @ motion
     taken = 1.0 - float(rest @ rest) / max(float(seen @ seen), 1e-300)

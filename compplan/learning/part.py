@@ -47,7 +47,7 @@ from compplan.uncertainty.sensitivities import (
     tip_of,
     vary_model,
 )
-from compplan.uncertainty.touch_off import TouchedPart, build_touch_model, is_lasting, read_placement
+from compplan.uncertainty.touch_off import TouchedPart, build_touch_model, is_lasting, states_placement
 
 #: Greatest number of places along the path of a residual.
 MOST_PLACES = 5000
@@ -196,7 +196,7 @@ def learn_from_part(
     if not sure:
         band = band_radius(take_blocks(expected, len(gathered.row)))
         check_plausible(points, gathered, band)
-    allowed = old is not None or align == "best_fit" or read_placement(job.noise) is not None
+    allowed = old is not None or align == "best_fit" or states_placement(job.noise)
     rigid, beyond = ("", False) if allowed else describe_whole(gathered, slopes.tip, job.T_base_part[:3, :3], expected)
     if beyond and align is None and not sure:
         raise points.error(f"{rigid}; was the part clamped elsewhere? {WHOLE_PART}")

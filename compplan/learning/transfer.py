@@ -80,16 +80,15 @@ def build_part_terms(
 
     noise: [noise] of the job; origin: of the part frame, (3,) [m]; fitted: whether a best fit moved the measured part.
     """
-    tip, none = slopes.tip, np.zeros((len(slopes.tip), 3, 0))
+    tip = slopes.tip
     ratio = spread.scatter / spread.common if spread.common > 0.0 else 0.0
     force = ratio * slopes.shared[:, :, :1]
-    placed = spread_placement(noise, slopes.touched, tip, origin)
-    moved = clamped = none if placed is None else placed
+    moved = clamped = spread_placement(noise, slopes.touched, tip, origin)
     if fitted:
         free = FITTED, FITTED / max(float(np.ptp(tip, axis=0).max()), 1e-3)
         moved = rigid_columns(tip, tip.mean(axis=0)) * np.repeat(free, 3)
     warm = noise.temperature_K * EXPANSION if "temperature_K" in noise.model_fields_set else 0.0
-    heat = warm * tip[:, :, None] if warm > 0.0 else none
+    heat = warm * tip[:, :, None] if warm > 0.0 else np.zeros((len(tip), 3, 0))
     part, following = (np.concatenate([force, place, heat], axis=2) for place in (moved, clamped))
     return PartTerms(part, following, ratio)
 

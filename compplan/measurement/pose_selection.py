@@ -1,8 +1,11 @@
-"""Optimal selection of measurements: greedy, then exchange of single candidates [Fedorov1972].
+"""Candidate poses of a campaign, and optimal selection: greedy, then exchange of single candidates [Fedorov1972].
 
-The criterion is a function that returns the gain of each candidate in addition to those selected: the variance of the
-tip along a path for a model update, the odds of two explanations for a diagnosis. Measurements with derivatives H and
-noise R reduce a covariance S by S H^T (H S H^T + R)^-1 H S.
+Half of the postures are drawn around a path, half anywhere within the joint limits; each is approached from below or
+above, without a load or with one.
+
+The criterion of a selection is a function that returns the gain of each candidate in addition to those selected: the
+variance of the tip along a path for a model update, the odds of two explanations for a diagnosis. Measurements with
+derivatives H and noise R reduce a covariance S by S H^T (H S H^T + R)^-1 H S.
 """
 
 from __future__ import annotations
@@ -12,14 +15,65 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.robot import Array
+from compplan.measurement.campaign import Campaign
+from compplan.robot import Array, Robot
+from compplan.statics.chain import build_chain, locate_frames
 
+#: Standard deviation of joint positions around the path [rad or m], and margin to the limits of revolute joints [rad].
+AROUND, MARGIN = 0.35, np.radians(5.0)
+#: Greatest angle of a revolute joint from zero, even if its limits are wider: cables. [rad]
+TURN = np.radians(170.0)
+#: Distance of the approach to a pose in every joint, longer than any backlash. [rad], [m]
+RUN_UP = (np.radians(1.5), 0.01)
+#: Least height of the tip over the base plane, unless the path is lower. [m]
+FLOOR = 0.05
 #: Gain of every candidate in addition to the selected ones. Shape (m,).
 Gains = Callable[[list[int]], Array]
 #: Least relative improvement of an exchange, against cycles by rounding.
 BETTER = 1e-9
 #: Greatest number of exchange rounds (assumed: most selections converge in two).
 ROUNDS = 3
+
+
+def run_up(robot: Robot) -> Array:
+    """Return the joint distance of the approach to a pose, 0 for a held joint. Shape (nq,). [rad or m]."""
+    return np.where(robot.upper <= robot.lower, 0.0, np.where(robot.prismatic, RUN_UP[1], RUN_UP[0]))
+
+
+def draw_postures(robot: Robot, path_q: Array, lowest: float, seed: int, drawn: int) -> Array:
+    """Draw postures; return those within the joint limits and above the base plane. Shape (<= drawn, nq). [rad or m]
+
+    path_q: joint positions along the path, (n, nq); lowest: least height of the path over the base plane. [m]
+    """
+    random = np.random.default_rng(seed)
+    span = np.where(robot.prismatic, np.inf, TURN)
+    low, high = np.maximum(robot.lower, -span), np.minimum(robot.upper, span)
+    free = high > low
+    edge = np.where(robot.prismatic, 0.02 * (high - low), free * MARGIN) + run_up(robot)
+    low, high = low + edge, high - edge
+    near = path_q[random.integers(0, len(path_q), drawn // 2)]
+    near = near + free * AROUND * random.standard_normal(near.shape)
+    far = low + (high - low) * random.random((drawn - len(near), robot.nq))
+    found = np.stack([near, far], axis=1).reshape(-1, robot.nq)
+    found = found[((found >= low) & (found <= high)).all(axis=1)]
+    tip = locate_frames(build_chain(robot), found).tcp_position
+    return np.asarray(found[tip[:, 2] >= min(FLOOR, lowest)])
+
+
+def pull_aside(pull: float) -> list[tuple[float, float, float]]:
+    """Return the pulls along +-x and +-y of the base; none for 0. [N]"""
+    return [(x * pull, y * pull, 0.0) for x, y in ((1, 0), (-1, 0), (0, 1), (0, -1)) if pull > 0]
+
+
+def approach_poses(robot: Robot, q: Array, sign: Array, force: Array) -> Campaign:
+    """Return a campaign without measured values: two rows a pose, the start of its approach and the pose.
+
+    q: (m, nq) [rad or m]; sign: direction of the approach, 1 or -1, (m,); force on the tool, base axes, (m, 3). [N]
+    """
+    wrench = np.zeros((2 * len(q), 6))
+    wrench[:, :3] = np.repeat(force, 2, axis=0)
+    way = np.stack([q - sign[:, None] * run_up(robot), q], axis=1).reshape(-1, robot.nq)
+    return Campaign(np.array(["static_1"] * len(way)), way, wrench, np.full((len(way), 3), np.nan))
 
 
 def grow_choice(worth: Gains, count: int) -> Iterator[tuple[int, float]]:

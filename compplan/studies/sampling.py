@@ -23,7 +23,6 @@ from compplan.effects import build_model, command_campaign, solve_model_poses
 from compplan.job.noise import EXPANSION, NoiseTable
 from compplan.planning.task import PlanTask
 from compplan.robot import Array, Robot
-from compplan.robot.pose import rigid_columns
 from compplan.studies.posterior import (
     RobotPosterior,
     build_posterior,
@@ -113,14 +112,9 @@ def build_context(
 def differentiate_placements(task: PlanTask, noise: NoiseTable) -> Array:
     """Return the motion of the tip by thermal growth, placement of the part and robot. Shape (k, 3, n). [m]
 
-    Growth is differentiated on the unloaded robot: the load changes it only by the relative deflection. An absolute
-    part frame has the assumed deviations of `noise` if none are stated.
+    Growth is differentiated on the unloaded robot: the load changes it only by the relative deflection.
     """
-    middle = task.position.mean(axis=0)
-    placed = spread_placement(noise, task.touched, task.position, middle)
-    if placed is None:
-        width = [noise.part_frame_mm * 1e-3, np.radians(noise.part_frame_deg)]
-        placed = rigid_columns(task.position, middle) * np.repeat(width, 3)
+    placed = spread_placement(noise, task.touched, task.position, task.position.mean(axis=0), assume=True)
     parts = [grow_arm(task.robot, task.q_start), *np.moveaxis(placed, 2, 0)]
     rows = pick_rows(np.ones(len(task), bool), STATIONS)
     scene = build_path_model(task.robot, task.q_start, task.wrench, task.step_time)

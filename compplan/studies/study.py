@@ -91,7 +91,7 @@ def prepare_study(
     *,
     most_waypoints: int = MOST_WAYPOINTS,
     force: ForceSpread | None = None,
-    announce: Callable[[str], None] | None = None,
+    announce: Callable[[str], None] = lambda text: None,
 ) -> Study:
     """Prepare a study.
 
@@ -105,10 +105,9 @@ def prepare_study(
     if not task.compensated.any():
         raise InputError("the path has no cutting moves, nothing to compare")
     chosen = tuple(strategies) if strategies else list_strategies(task.robot)
-    thin = thin_task(task, most_waypoints)
-    if announce:
-        announce(f"prepare {len(chosen)} strategies")
     rows = thin_rows(len(task), most_waypoints)
+    thin = thin_task(task, rows)
+    announce(f"prepare {len(chosen)} strategies")
     answers = {
         name: command_path(thin, name) if name in ONLINE else _thin_answer(command_path(task, name), rows)
         for name in chosen
@@ -141,9 +140,8 @@ def thin_rows(n: int, most: int) -> NDArray[np.int_]:
     return np.unique(np.linspace(0, n - 1, min(n, most)).round().astype(int))
 
 
-def thin_task(task: PlanTask, most: int) -> PlanTask:
-    """Reduce a task to at most `most` waypoints."""
-    rows = thin_rows(len(task), most)
+def thin_task(task: PlanTask, rows: NDArray[np.int_]) -> PlanTask:
+    """Reduce a task to the given waypoints."""
     if len(rows) == len(task):
         return task
     time = np.concatenate([[0.0], np.cumsum(task.step_time)])
@@ -157,7 +155,7 @@ def thin_study(study: Study, most: int) -> Study:
     rows = thin_rows(len(study.task), most)
     if len(rows) == len(study.task):
         return study
-    answers, thin = {k: _thin_answer(v, rows) for k, v in study.answers.items()}, thin_task(study.task, most)
+    thin, answers = thin_task(study.task, rows), {k: _thin_answer(v, rows) for k, v in study.answers.items()}
     return assemble_study(thin, study.noise, answers, study.waypoints_of_path, study.context.posterior.force)
 
 

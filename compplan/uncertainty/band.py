@@ -37,12 +37,12 @@ from compplan.uncertainty.ladder import (
     TRACKER_SIGMA,
     MeasurementStep,
     condition,
+    observe_poses,
     pick_places,
     pose_variance,
     predict_bands,
 )
 from compplan.uncertainty.motion import Motion, spread_draws
-from compplan.uncertainty.poses import observe_poses
 from compplan.uncertainty.posture_errors import vary_response
 from compplan.uncertainty.sensitivities import (
     ROWS,

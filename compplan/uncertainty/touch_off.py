@@ -89,24 +89,29 @@ class TouchedPart:
         return np.concatenate([turn @ jacobian[:, :3], turn @ jacobian[:, 3:]], axis=1)
 
 
-def read_placement(noise: NoiseTable | None) -> tuple[float, float] | None:
-    """Return the stated placement uncertainty of the part, shift [m] and rotation [rad] per axis, or None."""
-    if noise is None or not {"part_frame_mm", "part_frame_deg"} & noise.model_fields_set:
-        return None
-    return noise.part_frame_mm * 1e-3, float(np.radians(noise.part_frame_deg))
+def states_placement(noise: NoiseTable | None) -> bool:
+    """Return whether [noise] states how accurately the part is placed."""
+    return noise is not None and bool({"part_frame_mm", "part_frame_deg"} & noise.model_fields_set)
 
 
 def spread_placement(
-    noise: NoiseTable | None, touched: TouchedPart | None, position: Array, origin: Array
-) -> Array | None:
-    """Return the motion of the part by one deviation of its placement, at positions (n, 3) [m]. Shape (n, 3, 6). [m]
+    noise: NoiseTable | None, touched: TouchedPart | None, position: Array, origin: Array, *, assume: bool = False
+) -> Array:
+    """Return the motion of the part by one deviation of its placement. Shape (n, 3, 6), or (n, 3, 0) for none. [m]
 
-    The placement is that of [noise], otherwise that of the touched part; None for an absolute frame, where none is
-    stated. origin: of the part frame, (3,). [m]
+    The placement is that stated in [noise], otherwise that of the touched part.
+
+    Args:
+        noise: [noise] of the job.
+        touched: The touched part, None for an absolute frame.
+        position: Nominal tip. Shape (n, 3). [m]
+        origin: Origin of the part frame. Shape (3,). [m]
+        assume: Whether an absolute frame has the default deviations of [noise] if none are stated.
     """
-    if (stated := read_placement(noise)) is not None:
-        return np.asarray(rigid_columns(position, origin) * np.repeat(stated, 3))
-    return None if touched is None else touched.spread_part(position)
+    if noise is not None and (states_placement(noise) or (assume and touched is None)):
+        width = noise.part_frame_mm * 1e-3, float(np.radians(noise.part_frame_deg))
+        return np.asarray(rigid_columns(position, origin) * np.repeat(width, 3))
+    return np.zeros((len(position), 3, 0)) if touched is None else touched.spread_part(position)
 
 
 def read_touch(job: Job) -> TouchOff:

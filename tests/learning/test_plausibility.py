@@ -148,19 +148,20 @@ def test_a_part_that_stood_elsewhere_is_asked_about_and_a_true_one_is_not(equipm
     assert not any("of the whole part" in note for note in learn_from_part(job, robot, files[1]).notes)
 
 
-@pytest.mark.parametrize("tilt", [0.0, 0.002])
-def test_a_turn_that_was_not_measured_is_not_reported(tilt: float) -> None:
+@pytest.mark.parametrize(("tilt", "lean"), [(0.0, 0.0), (0.002, 0.0), (0.0, np.pi / 60.0)])
+def test_a_turn_that_was_not_measured_is_not_reported(tilt: float, lean: float) -> None:
     """Points across a circle of 5 mm, shifted by 26 um: nothing tells a turn about its axis or of its plane.
 
-    Directions across that are off by some milliradians do not tell it either, where the part is out of round.
+    Directions across that are off by some milliradians do not tell it either, where the part is out of round, nor do
+    those across the moves of a path of 60 waypoints, where the part is larger.
     """
     random, angle = np.random.default_rng(0), np.linspace(0.0, 2.0 * np.pi, 60, endpoint=False)
-    turned = angle + tilt * np.cos(2.0 * angle)
+    turned = angle + tilt * np.cos(2.0 * angle) + lean
     along = np.column_stack([-np.sin(turned), np.cos(turned), 0.0 * angle])
     across = np.eye(3) - along[:, :, None] * along[:, None]
     off = np.einsum("bij,bj->bi", across, [2.6e-5, 0.0, 0.0] + 5e-6 * random.standard_normal((60, 3)))
     out = np.column_stack([along[:, 1], -along[:, 0], 0.0 * angle])
-    off += 0.005 * tilt * np.cos(2.0 * angle)[:, None] * out
+    off += (0.005 * tilt * np.cos(2.0 * angle)[:, None] + 1e-5 * (lean > 0.0)) * out
     gathered = Gathered(np.arange(60), off, across, np.full(60, 25e-12), np.ones(60, int))
     tip = 0.005 * np.column_stack([np.cos(angle), np.sin(angle), 0.0 * angle])
     noise = 25e-12 * np.eye(180)

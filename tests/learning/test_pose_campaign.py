@@ -27,7 +27,7 @@ from compplan.robot.folder import write_robot_folder
 from compplan.robot.uncertainty import Uncertainty, Unknown
 from compplan.statics.chain import build_chain, locate_frames
 from compplan.uncertainty.band import linearise_path
-from compplan.uncertainty.poses import observe_poses
+from compplan.uncertainty.ladder import observe_poses
 from compplan.uncertainty.sensitivities import ForceSpread, build_path_model
 
 PATHS = Path(__file__).parents[2] / "paths"

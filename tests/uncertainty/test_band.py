@@ -31,7 +31,7 @@ from compplan.uncertainty.assumed import free_base
 from compplan.uncertainty.band import estimate_band, linearise_path
 from compplan.uncertainty.motion import Motion
 from compplan.uncertainty.sensitivities import ForceSpread, build_path_model, measure_slopes
-from compplan.uncertainty.touch_off import TouchedPart, read_placement, spread_placement
+from compplan.uncertainty.touch_off import TouchedPart, spread_placement
 
 PATHS = Path(__file__).parents[2] / "paths"
 SURE = ForceSpread(0.0, 0.0, 0.0, "known")
@@ -324,13 +324,14 @@ def test_the_place_of_a_part_counts_where_it_is_stated_and_is_listed_where_not()
 
 
 def test_the_place_of_a_part_is_stated_in_mm_and_degrees() -> None:
-    assert read_placement(NoiseTable(part_frame_mm=0.5, part_frame_deg=2.0)) == (5e-4, pytest.approx(np.pi / 90))
-    assert read_placement(None) is None
+    columns = spread_placement(NoiseTable(part_frame_mm=0.5, part_frame_deg=2.0), None, np.eye(3), np.zeros(3))
+    assert columns[2, :, [0, 5]] == pytest.approx(np.array([[5e-4, 0, 0], [0, 0, 0]]))
+    assert columns[0, :, 5] == pytest.approx([0.0, np.pi / 90, 0.0])
+    assert spread_placement(None, None, np.eye(3), np.zeros(3)).shape == (3, 3, 0)
 
 
 def test_a_part_that_is_turned_moves_by_the_angle_times_the_distance_from_its_frame() -> None:
     noise = NoiseTable(part_frame_mm=0.1, part_frame_deg=1.0)
     columns = spread_placement(noise, None, np.array([[1.0, 0.5, 0.0]]), np.array([1.0, 0.0, 0.0]))
-    assert columns is not None
     assert np.linalg.norm(columns[0, :, 5]) == pytest.approx(np.pi / 180 * 0.5)
     assert columns[0, :, 4] == pytest.approx(0.0)

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from compplan.effects import solve_model_poses
+from compplan.measurement.pose_selection import approach_poses, draw_postures
 from compplan.robot import load_robot
 from compplan.robot.uncertainty import Uncertainty, Unknown
-from compplan.uncertainty.poses import approach_poses, draw_postures, observe_poses
+from compplan.uncertainty.ladder import observe_poses
 from compplan.uncertainty.posture_errors import vary_response
 from compplan.uncertainty.sensitivities import build_path_model, measure_slopes, vary_model
 
