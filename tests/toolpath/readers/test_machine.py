@@ -316,6 +316,8 @@ def test_macros_loops_jumps_and_subprograms_of_the_file_are_carried_out(read) ->
     cuts = np.array([row[:3] for row in rows(cam) if row[3] == 0])
     expected = [(10, 0, -3), (0, 10, -3), (-10, 0, -3), (0, -10, -3), (1, -10, 10), (2, -10, 10), (7, 8, -1.5)]
     assert cuts == pytest.approx(np.array(expected))
+    again = read(f"{HEAD}N5 G1 X1 F9\nGOTO 5\nX3\nN5 Y2\n", ".nc")  # the search begins behind the jump
+    assert rows(again)[-1][:2] == (1, 2)
     with pytest.raises(InputError, match=r"part.nc:10: #101 is read before the file has set it"):
         read(MACRO, ".nc")
 
