@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Literal
 from xml.etree import ElementTree
@@ -20,7 +21,8 @@ from compplan.io.tomlfile import (
     SchemaOne,
     StrictTable,
     Vector3,
-    read_toml_model,
+    check_table,
+    parse_toml,
     refuse_other_types,
 )
 from compplan.robot import Robot
@@ -126,7 +128,12 @@ def _read_table(robot: Robot) -> tuple[ControllerTable | None, Path]:
     """Read controller.toml of the robot's folder, None if it does not exist, and return its path as well."""
     file = (robot.folder or Path()) / "controller.toml"
     there = robot.folder is not None and file.exists()
-    return read_toml_model(ControllerTable, file) if there else None, file
+    return _parse_table(read_text(file), file) if there else None, file
+
+
+@lru_cache(maxsize=8)  # a command reads the same text many times
+def _parse_table(text: str, file: Path) -> ControllerTable:
+    return check_table(ControllerTable, parse_toml(text, file), file=file)
 
 
 def load_controller(robot: Robot) -> JointConvention:
@@ -143,7 +150,7 @@ def load_controller(robot: Robot) -> JointConvention:
     for key, length, what in (("sign", len(table.sign), "numbers"), ("zero_deg", len(table.zero_deg), "numbers"),
                               ("joint_names", len(names), "names")):  # fmt: skip
         if length != nq:
-            raise InputError(f"has {length} {what}, expected {nq}, one a joint", file=file, where=key)
+            raise InputError(f"has {length} {what}, expected {nq}, one per joint", file=file, where=key)
     if len(set(names)) < nq:
         raise InputError(f"is {list(names)}, expected {nq} different names", file=file, where="joint_names")
     coupling = table.coupling or ((0.0,) * nq,) * nq

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from compplan.errors import InputError
+from compplan.io.quantities import shorten
 from compplan.io.tables import Array
 from compplan.io.tomlfile import StrictTable
 
@@ -88,7 +89,8 @@ def read_motion(
         given = getattr(table, key)
         given = (0.0,) * nq if given is None else given
         if isinstance(given, tuple) and len(given) != nq:
-            raise InputError(f"has {len(given)} numbers, expected {nq}, one a joint", file=file, where=f"motion.{key}")
+            message = f"has {len(given)} numbers, expected {nq}, one per joint"
+            raise InputError(message, file=file, where=f"motion.{key}")
         values[name] = unit * (np.array(given, dtype=np.float64) if isinstance(given, tuple) else given)
     velocity, acceleration = limits
     acceleration = np.where(np.isfinite(acceleration), acceleration, velocity / FULL_SPEED)
@@ -98,5 +100,5 @@ def read_motion(
 def tabulate_motion(motion: ServoMotion, prismatic: NDArray[np.bool_]) -> Mapping[str, Any]:
     """Return a motion model as a section [motion]."""
     stated = {key: getattr(motion, name) / unit for key, (name, unit) in _list_units(prismatic).items()}
-    digits = {key: np.vectorize(lambda value: float(f"{value:.6g}"))(values) for key, values in stated.items()}
+    digits = {key: np.vectorize(shorten)(values) for key, values in stated.items()}
     return {**{key: values.tolist() for key, values in digits.items()}, "source": motion.source}

@@ -22,7 +22,7 @@ from compplan.io.tables import write_json, write_table
 from compplan.io.transaction import list_files, replace_folder
 from compplan.job.frames import ToolTable
 from compplan.job.job import Job
-from compplan.planning.checks import state_breaches, state_notes
+from compplan.planning.checks import Check, state_notes
 from compplan.planning.executed import bound_zones
 from compplan.planning.result import Plan
 from compplan.planning.tolerance_verdict import state_percent
@@ -135,7 +135,8 @@ def read_back(plan: Plan, folder: Path, program: Program | None = None) -> Plan:
         folder, output.programs, Path(robot), arm, wanted, partial(find_ends, program), main=output.main,
         may_be_unreadable=bool(output.io.model_fields_set),
     )  # fmt: skip
-    return plan.add_checks((*state_breaches((*said, *breaches), "read back"), *state_notes(notes)))
+    failed = (Check("read back", np.nan, 0.0, text) for text in (*said, *breaches))
+    return plan.add_checks((*failed, *state_notes(notes)))
 
 
 def _mark_standstills(plan: Plan, before: int, after: int) -> NDArray[np.bool_]:

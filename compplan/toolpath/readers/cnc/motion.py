@@ -139,7 +139,7 @@ class MotionReader:
         if not arc and not block.has(STRAIGHT) and not block.has(POLAR):
             return
         if state.motion is None:
-            raise InputError("coordinates before any motion code (G0 or G1): whether they cut is not known; state it")
+            raise InputError("coordinates before any motion code: state G0 or G1 before them")
         rapid = state.motion == 0.0
         if not rapid and contour.idle:
             course.begin_cut()
