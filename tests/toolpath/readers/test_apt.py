@@ -86,7 +86,7 @@ def test_arcs_that_would_all_turn_back_are_turned_round(read) -> None:
         x += 4
     cam = read("\n".join(lines))
     assert cam.toolpath.position[:, 1].max() * 1e3 == pytest.approx(11)
-    assert "arcs run against the usual sense" in cam.facts.notes[-1]
+    assert "arcs are read against the usual sense" in cam.facts.notes[-1]
 
 
 def test_an_arc_about_a_tilted_axis_stays_in_its_plane(read) -> None:
