@@ -206,6 +206,11 @@ def test_a_tilted_plane_turns_path_and_tool(read) -> None:
         read("G21 G90\nG0 X0 Y0 Z9\nG68.2 X0 Y0 Z0 I0 J30 K0\nG0 X0 Y0 Z5\nG1 Z0 F9\n", ".nc")
 
 
+def test_vectors_of_g43_5_are_the_tool_axis(read) -> None:
+    cam = read(HEAD + "G43.5 H1\nG1 X5 I0 J0 K1 F9\nX9 I0.6 J0 K0.8\nX12\n", ".nc")
+    assert cam.toolpath.axis[-1] == pytest.approx([0.6, 0, 0.8]) and not any("I J K" in n for n in cam.facts.notes)
+
+
 def test_rotations_scales_mirrors_and_polar_coordinates_move_the_path(read) -> None:
     def end(text: str) -> list[float]:
         return [round(v, 6) for v in rows(read(HEAD + text, ".nc"))[-1][:3]]
