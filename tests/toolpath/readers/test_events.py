@@ -85,6 +85,7 @@ def test_events_after_an_arc_stand_at_its_end(read) -> None:
         ("COOLNT/FLOOD\nCOOLNT/OFF", [(0, "coolant"), (0, "coolant_off")]), ("COOLNT/MIST", [(0, "mist"),
                                                                                            (1, "coolant_off")]),
         ("LOADTL/3", [(0, "tool", 3)]), ("LOAD/TOOL,4", [(0, "tool", 4)]), ("DELAY/1.5", [(0, "dwell", 1.5)]),
+        ("SPINDL/600\nDELAY/5,REV", [(0, "spindle_cw", 600), (0, "dwell", 0.5), (1, "spindle_off")]),
         ("STOP", [(0, "stop")]), ("OPSTOP", [(0, "optional_stop")]),
         ("AUXFUN/3", [(0, "spindle_cw"), (1, "spindle_off")]), ("AUXFUN/9", [(0, "coolant_off")]),
     ],
