@@ -59,6 +59,8 @@ CONTRARY = (
 )  # fmt: skip
 #: Words of the tool axis with G43.5, and their addresses in all dialects.
 VECTOR = tuple(zip("IJK", DIRECTIONS, strict=True))
+#: Codes that own a word H.
+TOOL_CONTROL = frozenset({43.0, 43.4, 43.5, 44.0, 234.0})
 #: Codes in a block with G54 that own no word P.
 WITHOUT_P = UNITS | {0.0, 1.0, 17.0, 18.0, 19.0, 40.0, 43.0, 49.0, 54.0, 80.0, 90.0, 91.0, 94.0}
 LENGTH_NOTE = "tool length compensation (G43) is not applied: the path is that of the tool tip"
@@ -311,9 +313,9 @@ class Rs274:
     def set_polar(self, block: CncBlock, code: float) -> None:
         """G15, G16: end or begin polar coordinates, X radius, Y angle; by default those of the tool position.
 
-        With H they activate a work offset (Okuma).
+        With H of their own they activate a work offset (Okuma).
         """
-        if "H" in block.values:
+        if "H" in block.values and TOOL_CONTROL.isdisjoint(block.codes):
             self.origins.use(54.1, block.values["H"])
             return
         self.it.state.polar = code == 16.0
@@ -359,7 +361,7 @@ G_CODES: dict[float | str, Code] = {
     68.2: Code(lambda dialect, block, code: dialect.origins.tilt(block), 2, "once"),
     69.0: Code(lambda dialect, block, code: dialect.it.set_frames(rotation=None, plane=None), 2, "once"),
     # compensation and probing
-    **dict.fromkeys((43.0, 43.4, 43.5, 44.0, 49.0, 234.0), Code(Rs274.compensate_length)),
+    **dict.fromkeys((*TOOL_CONTROL, 49.0), Code(Rs274.compensate_length)),
     43.1: note(LENGTH_NOTE, "once"), 22.0: note("limits of the working space (G22) are not read", "once"),
     **dict.fromkeys((29.0, 31.0, 38.2, 38.3, 38.4, 38.5), PROBE),
     # no effect on the path
