@@ -28,8 +28,7 @@ from compplan.robot import Robot
 class Language(Protocol):
     """Interface of a language module.
 
-    Optional: `FORM` (a `ProgramForm` from languages.toml), `describe` (notes on a program for the user), and
-    `format_main` (writes a program that calls the programs of several tools).
+    Optional: `FORM` (a `ProgramForm` from languages.toml) and `describe` (notes on a program for the user).
     """
 
     name: str
@@ -199,7 +198,6 @@ def write_sequence(
         return []
     entries = [_find_entries([file for file in files if file.suffix == form.suffix]) for files in groups]
     post = replace(check_cell(program.post, form.cell, form.title), overwrite=False)
-    format_main = getattr(WRITERS[language], "format_main", None)
     texts: dict[str, str] = {}
     for kind in entries[0]:
         if all(kind in entry for entry in entries):
@@ -207,12 +205,12 @@ def write_sequence(
             whole = f"{legal_name(name, (form.longest_main or form.longest) - ADDED)}_ALL{kind}"
             upper, lower = calls[0].isupper(), calls[0].islower()
             whole = whole.upper() if upper else whole.lower() if lower else whole
-            if format_main is None:
+            if form.calls_sequence and form.format_calls:
+                none, parts, first = slice(0, 0), dict.fromkeys(calls, slice(0, 0)), replace(program, post=post)
+                texts |= form.format_calls(ProgramPart(first, whole, whole, parts, none, False, [], {}, sequence=True))
+            else:
                 words = {"name": whole, "comments": head_lines(program), "lines": [], "calls": calls}
                 texts[f"{whole}{form.suffix}"] = render_own(f"{language}_main", words)
-            else:
-                none, parts = slice(0, 0), dict.fromkeys(calls, slice(0, 0))
-                texts |= format_main(ProgramPart(replace(program, post=post), whole, whole, parts, none, False, [], {}))
     return write_texts(folder, texts, form.newline)
 
 

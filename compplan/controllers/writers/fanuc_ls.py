@@ -86,11 +86,7 @@ def _format_part(part: ProgramPart) -> dict[str, str]:
             vias.append(_format_position(program, move._replace(place=move.via), arcs[move.row], frame, words))
     events = {row: [f"  {line} ;" for line in own] for row, own in part.events.items()}
     body = replace(part, events=events).merge_events(lines)
-    return _format_file(part, body, [*positions, *vias], main=len(part.parts) == 1)
-
-
-def _format_calls(part: ProgramPart) -> dict[str, str]:
-    return _format_file(part, parts=[*part.parts])
+    return _format_file(part, body, [*positions, *vias])
 
 
 def _find_frame(part: ProgramPart) -> int:
@@ -126,21 +122,19 @@ def _format_position(program: Program, move: WrittenMove, number: int, frame: in
     return f"P[{number}]{{\n   GP1:\n\t{head},\n\t{groups}{second}\n}};"
 
 
-def _format_file(
-    part: ProgramPart, moves: Sequence[str] = (), positions: Sequence[str] = (), *, main: bool = True,
-    parts: Sequence[str] = (),
-) -> dict[str, str]:  # fmt: skip
-    """Return the file of a program: its head, its numbered instructions, its positions.
+def _format_file(part: ProgramPart, moves: Sequence[str] = (), positions: Sequence[str] = ()) -> dict[str, str]:
+    """Return the file of a program: its head, its numbered instructions, its positions; without moves, its calls.
 
-    Frames are set only in a `main` program; `parts` are the programs that it calls.
+    Frames are set only in the main program of a tool.
     """
     program, cell, frame = part.program, part.program.post, _find_frame(part)
     second = POSITIONER if program.moves_part else 0
     base = program.base_frame if frame and not program.moves_part else None
     wanted = [("UTOOL", cell.tool, program.tool), ("UFRAME", cell.base, base)]
     text = part.render(
-        "fanuc_ls", comments=[clean_text(line, LONGEST_REMARK) for line in head_lines(program)], main=main,
-        frame=frame, register=REGISTER, moves=moves, parts=parts, positions=positions,
+        "fanuc_ls", comments=[clean_text(line, LONGEST_REMARK) for line in head_lines(program)],
+        main=part.sets_frames, frame=frame, register=REGISTER, moves=moves, parts=[] if moves else [*part.parts],
+        positions=positions,
         groups=["1", *("1" if number == second else "*" for number in range(2, 6))],
         frames=[(key, number, place_numbers(pose, "xyz")) for key, number, pose in wanted if pose is not None],
     )  # fmt: skip
@@ -154,9 +148,4 @@ def _format_file(
     return {f"{part.name}.LS": "\n".join([f"{before}/MN", *numbered, f"/POS\n{after}"])}
 
 
-def format_main(part: ProgramPart) -> dict[str, str]:
-    """Return the program that calls the programs of several tools."""
-    return _format_file(part, main=False, parts=[*part.parts])
-
-
-FORM = ProgramForm.load("fanuc_ls", lambda poses: place_table(poses, "xyz"), _format_part, _format_calls)
+FORM = ProgramForm.load("fanuc_ls", lambda poses: place_table(poses, "xyz"), _format_part, _format_file)

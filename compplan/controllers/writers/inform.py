@@ -46,11 +46,7 @@ def describe(program: Program) -> list[str]:
 
 def _format_part(part: ProgramPart) -> dict[str, str]:
     moves = part.merge_events([_format_move(part, move) for move in part.moves])
-    return _format_job(part, _list_points(part), moves, main=len(part.parts) == 1)
-
-
-def _format_calls(part: ProgramPart) -> dict[str, str]:
-    return _format_job(part, parts=[*part.parts])
+    return _format_job(part, _list_points(part), moves)
 
 
 def _format_move(part: ProgramPart, move: WrittenMove) -> list[str]:
@@ -88,26 +84,22 @@ def find_configuration(program: Program, move: WrittenMove) -> list[int]:
     return [*words, *(int(move.arm[axis] >= 180.0) for axis in (3, 5, 0))]
 
 
-def _format_job(
-    part: ProgramPart, points: Sequence[str] = (), moves: Sequence[str] = (), *, main: bool = True,
-    parts: Sequence[str] = (),
-) -> dict[str, str]:  # fmt: skip
-    """Return the file of a job: head, positions, instructions; `main` adds frames, header and footer."""
+def _format_job(part: ProgramPart, points: Sequence[str] = (), moves: Sequence[str] = ()) -> dict[str, str]:
+    """Return the file of a job: head, positions, instructions; without moves, its calls.
+
+    Frames are set only in the main job of a tool.
+    """
     program = part.program
     tool, base = (list_numbers(place_numbers(pose, "xyz"), 7) for pose in (program.tool, program.base_frame))
     text = part.render(
-        "inform", count=sum(line.startswith("C") for line in points), points=points, main=main, moves=moves,
-        parts=parts, station=program.moves_part, user="///POSTYPE USER" in points, tool=tool, base=base,
-        tool_variable=TOOL_VARIABLE, frame_variable=FRAME_VARIABLE,
+        "inform", count=sum(line.startswith("C") for line in points), points=points, moves=moves,
+        main=part.sets_frames, parts=[] if moves else [*part.parts], station=program.moves_part,
+        user="///POSTYPE USER" in points, tool=tool, base=base, tool_variable=TOOL_VARIABLE,
+        frame_variable=FRAME_VARIABLE,
         comments=[clean_text(line, LONGEST_REMARK) for line in head_lines(program)],
         mass="" if program.mass is None else f"{program.mass:.2f}",
     )  # fmt: skip
     return {f"{part.name}.JBI": text}
 
 
-def format_main(part: ProgramPart) -> dict[str, str]:
-    """Return the job that calls the jobs of several tools."""
-    return _format_job(part, main=False, parts=[*part.parts])
-
-
-FORM = ProgramForm.load("inform", lambda poses: place_table(poses, "xyz"), _format_part, _format_calls)
+FORM = ProgramForm.load("inform", lambda poses: place_table(poses, "xyz"), _format_part, _format_job)

@@ -49,11 +49,17 @@ class ProgramPart:
     linear: bool  #: Whether the moves are tool moves; otherwise joint moves.
     every: list[WrittenMove]  #: All moves of the program.
     events: Mapping[int, list[str]]  #: Lines of events (no motion), by the row that they follow.
+    sequence: bool = False  #: Whether `parts` are the programs of several tools.
 
     @property
     def moves(self) -> list[WrittenMove]:
         """The moves of this file."""
         return self.every[self.rows]
+
+    @property
+    def sets_frames(self) -> bool:
+        """Whether this is the main program of a tool, which sets its tool data and frame."""
+        return not self.sequence and (len(self.parts) == 1 or not self.moves)
 
     def merge_events(self, lines: Sequence[Sequence[str]], indent: str = "") -> list[str]:
         """Return the lines of each move, followed by the lines of the events after it."""
@@ -103,6 +109,8 @@ class ProgramForm:
     newline: str = "\r\n"  #: Line ending.
     percents: Sequence[float] = (100.0, 1.0)  #: Share of the joint rates in rapid moves, and least one. [%]
     suffix: str = ""  #: File extension of programs that call others, "" if the language has no calls.
+    #: Whether `format_calls` also writes the main program of several tools; otherwise a template NAME_main does.
+    calls_sequence: bool = False
     longest_main: int = 0  #: Greatest number of letters of the name of a multi-tool main program; 0: `longest`.
 
     @classmethod

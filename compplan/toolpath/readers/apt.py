@@ -91,6 +91,7 @@ class _AptReader:
         self.feed_before: tuple[float | None, int] = (None, 94)
         self.rapid = self.placed = self.nx = self.away = False
         self.cycle: AptCycle | None = None
+        self.last_cycle = ""
         self.arc: _Pending | None = None
         self.direction: Point | None = None
         #: Direction at the end of the previous cut; number of arcs that start tangent to it, forwards and in reverse.
@@ -172,7 +173,8 @@ class _AptReader:
             self.state.tool, self.state.tool_name = number or 0.0, "" if number is not None else words[:32]
             self.machine.change_tool()
         elif major in ("DELAY", "DWELL"):
-            self.log.add_event("dwell", value=max(number or 0.0, 0.0))
+            turns = 60.0 / self.state.spindle if "REV" in words and self.state.spindle > 0.0 else 1.0
+            self.log.add_event("dwell", value=max(number or 0.0, 0.0) * turns)
         elif code in STARTING:
             self.machine.switch_on([code])
         elif code in STOPPING:
@@ -251,7 +253,10 @@ class _AptReader:
         if self.cycle is not None:
             self.state.feed, self.state.feed_mode = self.feed_before
         self.cycle = None
-        if not words.startswith(("OFF", "NOMORE", "ON")):
+        if words.startswith("ON"):
+            words = self.last_cycle or "OFF"
+        if not words.startswith(("OFF", "NOMORE")):
+            self.last_cycle = words
             self.feed_before = self.state.feed, self.state.feed_mode
             self.cycle = read_cycle(words)
             if self.options.cycles == "expand" and self.cycle.feed:

@@ -16,7 +16,7 @@ from compplan.toolpath.readers.arcs import MOST_TURNS, OffCircleError, Point
 from compplan.toolpath.readers.cnc.cycles import begin_cycle, run_cycle
 from compplan.toolpath.readers.cnc.flow import END, CncProgram, Flow
 from compplan.toolpath.readers.cnc.interpreter import COMMON, MOTIONS, Code, Interpreter, ignore, note, refuse, set_mode
-from compplan.toolpath.readers.cnc.motion import CORNERS, PLAIN, STRAIGHT
+from compplan.toolpath.readers.cnc.motion import CORNERS, DIRECTIONS, PLAIN, STRAIGHT
 from compplan.toolpath.readers.cnc.origins import Origins
 from compplan.toolpath.readers.cnc.rs274_lexer import LENGTHS, WITH_COORDINATES, Lexer, owns_words
 from compplan.toolpath.readers.cnc.rs274_macro import Macros
@@ -57,6 +57,10 @@ CONTRARY = (
     frozenset({20.0, 21.0}), frozenset({90.0, 91.0}), frozenset({17.0, 18.0, 19.0}), frozenset({93.0, 94.0, 95.0}),
     frozenset({98.0, 99.0}), MOTIONS | CYCLES,
 )  # fmt: skip
+#: Words of the tool axis with G43.5, and their addresses in all dialects.
+VECTOR = tuple(zip("IJK", DIRECTIONS, strict=True))
+#: Codes that own a word H.
+TOOL_CONTROL = frozenset({43.0, 43.4, 43.5, 44.0, 234.0})
 #: Codes in a block with G54 that own no word P.
 WITHOUT_P = UNITS | {0.0, 1.0, 17.0, 18.0, 19.0, 40.0, 43.0, 49.0, 54.0, 80.0, 90.0, 91.0, 94.0}
 LENGTH_NOTE = "tool length compensation (G43) is not applied: the path is that of the tool tip"
@@ -118,6 +122,8 @@ class Rs274:
         self.macros = Macros(self.it.flow)
         self.plain = PRINTED if state.printer else PLAIN
         self.lexer = Lexer(self.it, self.macros)
+        #: Whether I J K of straight moves are the tool axis (G43.5).
+        self.vectors = False
 
     def run(self, lines: Sequence[str]) -> None:
         """Execute the first program of a file."""
@@ -235,6 +241,8 @@ class Rs274:
             return
         if (it.contour.held or not values.keys().isdisjoint(CORNERS)) and state.motion != 1.0:
             raise InputError("a corner is rounded or cut between two straight moves (G1) only; post-process without it")
+        if self.vectors and state.motion in (0.0, 1.0):
+            values.update({direction: values.pop(letter) for letter, direction in VECTOR if letter in values})
         if state.motion in (2.0, 3.0):
             turns = values.get("P", 1.0)
             if turns == 0.0:
@@ -293,6 +301,7 @@ class Rs274:
     def compensate_length(self, block: CncBlock, code: float) -> None:
         """G43, G44, G49 (tool length compensation), G43.4, G43.5, G234 (tool centre point control)."""
         self.it.control_tip(code in (43.4, 43.5, 234.0))
+        self.vectors = code == 43.5
         if code in (43.0, 44.0):
             self.it.note(LENGTH_NOTE)
 
@@ -304,9 +313,9 @@ class Rs274:
     def set_polar(self, block: CncBlock, code: float) -> None:
         """G15, G16: end or begin polar coordinates, X radius, Y angle; by default those of the tool position.
 
-        With H they activate a work offset (Okuma).
+        With H of their own they activate a work offset (Okuma).
         """
-        if "H" in block.values:
+        if "H" in block.values and TOOL_CONTROL.isdisjoint(block.codes):
             self.origins.use(54.1, block.values["H"])
             return
         self.it.state.polar = code == 16.0
@@ -352,7 +361,7 @@ G_CODES: dict[float | str, Code] = {
     68.2: Code(lambda dialect, block, code: dialect.origins.tilt(block), 2, "once"),
     69.0: Code(lambda dialect, block, code: dialect.it.set_frames(rotation=None, plane=None), 2, "once"),
     # compensation and probing
-    **dict.fromkeys((43.0, 43.4, 43.5, 44.0, 49.0, 234.0), Code(Rs274.compensate_length)),
+    **dict.fromkeys((*TOOL_CONTROL, 49.0), Code(Rs274.compensate_length)),
     43.1: note(LENGTH_NOTE, "once"), 22.0: note("limits of the working space (G22) are not read", "once"),
     **dict.fromkeys((29.0, 31.0, 38.2, 38.3, 38.4, 38.5), PROBE),
     # no effect on the path

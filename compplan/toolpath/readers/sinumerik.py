@@ -6,6 +6,7 @@ A new word is one line of `WORDS`: a G code by its number, any other by its name
 from __future__ import annotations
 
 import re
+from itertools import zip_longest
 from pathlib import Path
 
 from compplan.errors import InputError
@@ -217,7 +218,7 @@ class Sinumerik:
 
     def _call(self, called: str, arguments: list[str], times: float) -> None:
         """Execute a subprogram with values of its parameters: PROC NAME(REAL A, INT B)."""
-        values = [self.evaluate(text) if text else 0.0 for text in arguments]
+        values = [self.evaluate(text) if text else None for text in arguments]
         for _ in range(int(times) if values else 1):
             if values and self.it.flow.find_sibling(called):
                 program = self.it.flow.programs[called]
@@ -226,10 +227,11 @@ class Sinumerik:
                 texts = lexer.read_brackets(head, head.index("("))[0]
                 if len(values) > len(texts):
                     raise InputError(f"{called} is called with {len(values)} values that it does not take (PROC)")
-                for text, value in zip(texts, values, strict=False):
-                    name = text.partition("=")[0].split()[-1]
+                for text, value in zip_longest(texts, values):
+                    head, _, default = text.partition("=")
+                    name = head.split()[-1]
                     self.values.names.add(name)
-                    self.values.numbers[name, ()] = value
+                    self.values.numbers[name, ()] = self.evaluate(default or "0") if value is None else value
             self.it.call(called, 1.0 if values else times)
 
     def set_plane(self, block: CncBlock, code: float) -> None:
@@ -275,10 +277,12 @@ WORDS: dict[float | str, Code] = {
     **dict.fromkeys((54.0, 55.0, 56.0, 57.0, 500.0, *(float(code) for code in range(505, 600))), OFFSET),
     **dict.fromkeys(("TRAORI", "TRAFOOF"), Code(lambda dialect, block, code: dialect.it.control_tip(code == "TRAORI"))),
     # no effect on the path
-    **dict.fromkeys(map(float, (43, 49, 60, 62, 63, 80, 140, 141, 142, 143, 290, 340, 341, 450,
-                                451, 460, 461, 462, 601, 602, 603, 621, *range(640, 646), 961, 971)), ignore()),
+    **dict.fromkeys(map(float, (43, 49, 60, 62, 80, 140, 141, 142, 143, 290, 340, 341, 450,
+                                451, 460, 461, 462, 601, 602, 603, 621, *range(640, 646))), ignore()),
+    **dict.fromkeys((961.0, 962.0), COMMON[96.0]), **dict.fromkeys((971.0, 972.0), COMMON[97.0]),
     **dict.fromkeys((*lexer.HARMLESS, *VALUES), ignore()),
     # refused
+    63.0: refuse("tapping"),
     **dict.fromkeys(map(float, (5, 7, 12, 35, 58, 59, 68, 92, 147, 148, 247, 248, 291, 331, 332, 347, 348)), UNREAD),
 }  # fmt: skip
 

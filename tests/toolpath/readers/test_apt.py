@@ -187,6 +187,8 @@ def test_tapped_holes_are_left_with_the_feed_and_holes_without_depth_refused(rea
     head = "UNITS/MM\nFEDRAT/60\nRAPID\nGOTO/0,0,50\n"
     tapped = read(head + "CYCLE/TAP,DEPTH,10,CLEAR,2\nGOTO/5,0,0\n", cycles="expand")
     assert tapped.toolpath.cutting_length == pytest.approx(24e-3) and tapped.facts.cycles == 1
+    again = read(f"{head}CYCLE/DRILL,DEPTH,10\nGOTO/5,0,0\nCYCLE/OFF\nGOTO/5,0,9\nCYCLE/ON\nGOTO/9,0,0\n")
+    assert again.facts.cycles == 2 and ends(again)[-2:] == [[9, 0, -10], [9, 0, 0]]
     with pytest.raises(InputError, match=r":6: CYCLE/DRILL states no depth"):
         read(head + "CYCLE/DRILL,CLEAR,2\nGOTO/5,0,0\n", cycles="expand")
 

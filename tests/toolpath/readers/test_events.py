@@ -47,6 +47,7 @@ def list_events(cam: CamFile, *, comments: bool = False) -> list[tuple[object, .
         ('T="MILL D10" M6', [(0, "tool", 0, "MILL D10")]),
         ("M0", [(0, "stop")]), ("G1 X5 F60 M01", [(1, "optional_stop")]),
         ("G4 P0.5", [(0, "dwell", 0.5)]), ("G4 P1500", [(0, "dwell", 1.5)]), ("G04 X2.", [(0, "dwell", 2)]),
+        ("G04 X1500", [(0, "dwell", 1.5)]),
         ("M104 S200\nG4 S2 P20", [(0, "dwell", 2.02)]),  # a printer
         ("F60\nG4 F2", [(0, "dwell", 2)]),
         ("M3 S120\nG4 S10", [(0, "spindle_cw", 120), (0, "dwell", 5), (1, "spindle_off")]),
@@ -84,6 +85,7 @@ def test_events_after_an_arc_stand_at_its_end(read) -> None:
         ("COOLNT/FLOOD\nCOOLNT/OFF", [(0, "coolant"), (0, "coolant_off")]), ("COOLNT/MIST", [(0, "mist"),
                                                                                            (1, "coolant_off")]),
         ("LOADTL/3", [(0, "tool", 3)]), ("LOAD/TOOL,4", [(0, "tool", 4)]), ("DELAY/1.5", [(0, "dwell", 1.5)]),
+        ("SPINDL/600\nDELAY/5,REV", [(0, "spindle_cw", 600), (0, "dwell", 0.5), (1, "spindle_off")]),
         ("STOP", [(0, "stop")]), ("OPSTOP", [(0, "optional_stop")]),
         ("AUXFUN/3", [(0, "spindle_cw"), (1, "spindle_off")]), ("AUXFUN/9", [(0, "coolant_off")]),
     ],

@@ -206,6 +206,11 @@ def test_a_tilted_plane_turns_path_and_tool(read) -> None:
         read("G21 G90\nG0 X0 Y0 Z9\nG68.2 X0 Y0 Z0 I0 J30 K0\nG0 X0 Y0 Z5\nG1 Z0 F9\n", ".nc")
 
 
+def test_vectors_of_g43_5_are_the_tool_axis(read) -> None:
+    cam = read(HEAD + "G43.5 H1\nG1 X5 I0 J0 K1 F9\nX9 I0.6 J0 K0.8\nX12\n", ".nc")
+    assert cam.toolpath.axis[-1] == pytest.approx([0.6, 0, 0.8]) and not any("I J K" in n for n in cam.facts.notes)
+
+
 def test_rotations_scales_mirrors_and_polar_coordinates_move_the_path(read) -> None:
     def end(text: str) -> list[float]:
         return [round(v, 6) for v in rows(read(HEAD + text, ".nc"))[-1][:3]]
@@ -316,6 +321,8 @@ def test_macros_loops_jumps_and_subprograms_of_the_file_are_carried_out(read) ->
     cuts = np.array([row[:3] for row in rows(cam) if row[3] == 0])
     expected = [(10, 0, -3), (0, 10, -3), (-10, 0, -3), (0, -10, -3), (1, -10, 10), (2, -10, 10), (7, 8, -1.5)]
     assert cuts == pytest.approx(np.array(expected))
+    again = read(f"{HEAD}N5 G1 X1 F9\nGOTO 5\nX3\nN5 Y2\n", ".nc")  # the search begins behind the jump
+    assert rows(again)[-1][:2] == (1, 2)
     with pytest.raises(InputError, match=r"part.nc:10: #101 is read before the file has set it"):
         read(MACRO, ".nc")
 

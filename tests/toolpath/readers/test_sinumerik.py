@@ -192,6 +192,7 @@ FLOWS = {
     "DEF REAL P[3]\nP[1]=7\nG1 X=P[1] F=R9+60\nX=P[2]": None,
     "L10 P2\nM30\n%_N_L10_SPF\nG91\nG1 X10 F60\nG90\nM17": [10, 20],
     "SLOT(5,2)\nM30\n%_N_SLOT_SPF\nPROC SLOT(REAL LEN, INT N)\nG1 X=LEN*N F60\nRET": [10],
+    "SLOT(,2)\nM30\n%_N_SLOT_SPF\nPROC SLOT(REAL LEN=4, INT N)\nG1 X=LEN*N F60\nRET": [8],
     "SLOT\nG1 X9\nM30\n%_N_SLOT_SPF\nPROC SLOT SAVE\nG91 G1 X5 F60\nTRANS X7\nRET": [5, 9],
 }
 
@@ -225,7 +226,7 @@ REFUSED = [
     ("TRANSMIT", "TRANSMIT"), ("G33 Z-5 K1", "G33 (threading)"), ("G58 X5", "G58 (it changes"),
     ("SCALE X2", "different factors"),
     ("ROUTINE7(5)", "subprogram call ROUTINE7"), ("L100", "subprogram call L100"),
-    ("UNKNOWN", "word UNKNOWN is not read"),
+    ("UNKNOWN", "word UNKNOWN is not read"), ("G63 Z-9", "tapping"),
     ("G1 X=R5 F9", "R[5] has no value"), ("G1 X1 X2 F9", "word X stands twice"),
     ("G3 X5 Y5 F9", "arc has neither a centre"),
     ("G1 X1O F9", "is not read"), ("GOTOF NOWHERE", "does not stand after"), ("IF R1==1\nG1 X1", "is never closed"),

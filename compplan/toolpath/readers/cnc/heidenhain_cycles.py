@@ -176,6 +176,8 @@ class HeidenhainCycles:
             if cycle.number == 240 and values.get("Q343", 0.0) != 0.0:
                 raise InputError("cycle 240 with a diameter (Q343=1) is not read; give it a depth")
             surface, depth = values.get("Q203", 0.0), cycle.get("Q201")
+            if depth > 0.0:
+                raise InputError(f"CYCL DEF {cycle.number} with a depth Q201 above the surface is not read")
             clear, bottom = surface + cycle.get("Q200"), surface + depth
             top = max(clear, surface + values.get("Q204", 0.0))
             self.it.state.motion = 0.0

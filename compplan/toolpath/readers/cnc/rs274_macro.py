@@ -151,7 +151,7 @@ class Macros:
         return CncProgram(lines, 0, numbers[1][0] if len(numbers) > 1 else len(lines), file)
 
     def _find(self, key: str, step: int = 0) -> int:
-        """Return the first line of a key (N10), or the next (END1, step 1) or previous one (DO1, step -1)."""
+        """Return the next line of a key (END1, step 1), the previous one (DO1, step -1), or the next in turn (N10)."""
         program, here = self.flow.call.program, self.flow.line - 1
         if program.labels is None:
             program.labels = {}
@@ -160,7 +160,8 @@ class Macros:
                     if found := pattern.match(program.lines[index]):
                         program.labels.setdefault(kind + found.group(1), []).append(index)
         places = program.labels.get(key, [])
-        at = (bisect_right(places, here) if step > 0 else bisect_left(places, here) - 1) if step else 0
+        at = bisect_left(places, here) - 1 if step < 0 else bisect_right(places, here)
+        at = at if step or at < len(places) else 0  # a control searches on from the start
         if not 0 <= at < len(places):
             raise InputError(f"a jump to {key}, which is not in this program")
         return places[at]

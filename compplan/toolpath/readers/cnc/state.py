@@ -21,7 +21,7 @@ STOPPING = {0.0: "stop", 1.0: "optional_stop", 5.0: "spindle_off", 9.0: "coolant
 #: G codes with which S is a speed limit or not a speed; M codes with which S is an angle of the spindle.
 LIMITS = frozenset({4.0, 25.0, 26.0, 50.0, 92.0})
 ANGLES = frozenset({19.0})
-#: Least value P of a dwell that is read in milliseconds. [ms]
+#: Least value P, X or U of a dwell that is read in milliseconds. [ms]
 LEAST_MILLISECONDS = 100.0
 
 
@@ -194,14 +194,14 @@ class Machine:
             state.spindle = values["S"]
         self.switch_on(machine, changed=changed)
         if 4.0 in block.codes:
-            wait = max(next((values[letter] for letter in "FXU" if letter in values), 0.0), 0.0)  # in seconds
+            wait = max(values.get("F", 0.0), 0.0)  # in seconds
             if state.printer:
                 wait = values.get("S", 0.0) + 1e-3 * values.get("P", 0.0)
-            elif "P" in values:
-                milli = values["P"] >= LEAST_MILLISECONDS
+            elif letter := next((letter for letter in "PXU" if letter in values), ""):
+                milli = values[letter] >= LEAST_MILLISECONDS
                 if milli:
-                    log.note(f"G4 P{values['P']:g} is taken in milliseconds")
-                wait = max(values["P"], 0.0) * (1e-3 if milli else 1.0)
+                    log.note(f"G4 {letter}{values[letter]:g} is taken in milliseconds")
+                wait = max(values[letter], 0.0) * (1e-3 if milli else 1.0)
             elif "S" in values:  # in revolutions
                 wait = 60.0 * values["S"] / state.spindle if state.spindle > 0.0 else 0.0
             log.add_event("dwell", value=wait)
