@@ -15,7 +15,7 @@ from compplan.diagnosis.results.verdict import NAMING, Finding, Verdict, check_c
 from compplan.diagnosis.search.fit import fit_effects
 from compplan.diagnosis.search.search import SEARCH, Claim, distinct_places
 from compplan.diagnosis.search.state import Fit, FitState, Problem, attain_state
-from compplan.diagnosis.validation.calibration import add_gear_waves
+from compplan.diagnosis.validation.calibration import read_all_rows
 from compplan.diagnosis.validation.held_out import Folds, make_folds
 from compplan.diagnosis.validation.probability import MAP
 from compplan.diagnosis.validation.unmodelled import RevisedProbabilities, revise_probabilities
@@ -100,9 +100,9 @@ def _conclude(
     """Predict held-out poses, select the updated robot, and build the result."""
     problem, campaign = fit.problem, fit.problem.campaign
     progress("held out")
-    folds = Folds(add_gear_waves(fit), make_folds(campaign))
+    folds = Folds(read_all_rows(fit, revised.model.claims), make_folds(campaign))
     before = position_residual(campaign, nominal, solve_model_poses(nominal))
-    state = FitState(problem.fixed, {}, registration, fit.state.use)
+    state = FitState(problem.fixed, {}, registration, folds.fit.state.use)
     plain = folds.hold_out(lambda number: state)
     if not problem.register:
         plain = replace(plain, residual=before[plain.rows])
@@ -122,7 +122,7 @@ def _conclude(
     )
     return Diagnosis(
         robot=problem.robot, updated=first.robot(problem.robot, known), fit=fit,
-        revised=revised, verdict=verdict, gap=gap, candidates=rank_candidates(fit, verdict, folds),
+        revised=revised, verdict=verdict, gap=gap, candidates=rank_candidates(verdict, replace(folds, fit=fit)),
         residual_before=before, residual_after=first.residual, registration=first.state.registration,
         outliers=fit.outliers, delivery=first, equations=folds.fit.search.equations,
         sizes=sizes, noise=fit.noises["position"].source,
@@ -146,9 +146,9 @@ def refuse_open_frames(inside: float, left_out: float, campaign: Campaign) -> No
         )
 
 
-def rank_candidates(fit: Fit, verdict: Verdict, folds: Folds) -> tuple[Candidate, ...]:
-    """Rank effects: named ones, then their rivals and others that explain the gap alone."""
-    search, equations = fit.search, fit.search.equations
+def rank_candidates(verdict: Verdict, folds: Folds) -> tuple[Candidate, ...]:
+    """Rank effects: named ones, then their rivals and others that explain the gap alone, on the rows of a fit."""
+    fit, search, equations = folds.fit, folds.fit.search, folds.fit.search.equations
     hyper = fit.model.posterior.hyper
     found = [finding for finding in (*verdict.findings, *verdict.doubtful) if finding.signature >= 0]
     probability = {finding.effect.place: finding.probability for finding in found}

@@ -49,7 +49,9 @@ def check_cell(post: Post, cell: CellWords, language: str) -> Post:
         if value is None:
             continue
         if not kind:
-            raise InputError(f"output.cell {key} is {value!r}, {language} programs hold their own")
+            raise InputError(
+                f"output.cell {key} is {value!r}, but {language} programs define it themselves; leave it out"
+            )
         if not (isinstance(value, int) if kind == "number" else isinstance(value, str) and value.isidentifier()):
             word = "a number" if kind == "number" else "a name of the cell's"
             raise InputError(f"output.cell {key} is {value!r}, {language} takes {word}")

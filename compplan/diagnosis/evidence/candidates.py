@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -53,16 +53,16 @@ def key_of(signature: Signature) -> Key:
     return (*signature.place, signature.form)
 
 
-def offered_signatures(at: Linearization, register: Sequence[str], excluded: Sequence[str]) -> list[Signature]:
+def offered_signatures(at: Linearization, register: Sequence[str], excluded: Sequence[str]) -> Iterator[Signature]:
     """List every signature without an unknown row or period: registration and effects."""
-    offered = registration_signatures(at, register)
+    yield from registration_signatures(at, register)
+    # a nonlinear stiffness with a linear part contains a joint's stiffness
+    plain = "joint_stiffness" in excluded
     for name, model in EFFECTS.items():
         if name not in excluded:
-            offered += list(model.signatures(at))
-    if "joint_stiffness" in excluded:
-        # a nonlinear stiffness with a linear part contains a joint's stiffness
-        offered = [s for s in offered if not (s.name == "stiffness_nonlinearity" and linear_in_disguise(s.keys))]
-    return offered
+            for signature in model.signatures(at):
+                if not (plain and name == "stiffness_nonlinearity" and linear_in_disguise(signature.keys)):
+                    yield signature
 
 
 def registration_signatures(at: Linearization, parts: Sequence[str]) -> list[Signature]:

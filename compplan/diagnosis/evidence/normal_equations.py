@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from itertools import groupby
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,6 +62,7 @@ class NormalEquations:
     index: tuple[NDArray[np.int_], ...]  #: Columns of each signature; signatures may share columns.
     names: tuple[str, ...]  #: Name of each column.
     scale: Array  #: Scale of each column's parameter. Shape (p,).
+    start: Array  #: Parameters at the linearization, in units of their scale. Shape (p,).
     channels: tuple[ChannelProducts, ...]  #: Products channel by channel.
     designs: tuple[Array, ...]  #: Columns of each channel, in units of the noise. Shape (r, c, p) each.
     #: Observations of each channel referred to zero parameters, in units of the noise. Shape (r, c) each.
@@ -93,15 +93,14 @@ class NormalEquations:
 
 
 def build_normal_equations(
-    channels: Sequence[Channel], signatures: Sequence[Signature], values: dict[str, float]
+    channels: Sequence[Channel], signatures: Iterable[Signature], values: dict[str, float]
 ) -> NormalEquations:
     """Compute the inner products of all columns and observations, the latter referred to zero parameters.
 
     `values` are the current values of parameters (SI) by column, which are added back.
     """
-    index, names, scale, picked = _number_columns(signatures, [])
-    designs = [_design(channel, signatures, picked) for channel in channels]
-    offset = np.array([values.get(name, 0.0) for name in names]) / np.array(scale)
+    kept, index, names, scale, designs = _read_columns(channels, signatures, ())
+    offset = np.array([values.get(name, 0.0) for name in names]) / scale
     used = np.flatnonzero(offset)
     observed = [
         channel.residual / channel.sigma + design[..., used] @ offset[used]
@@ -109,10 +108,11 @@ def build_normal_equations(
     ]
     products = [_multiply(c, d, y) for c, d, y in zip(channels, designs, observed, strict=True)]
     return NormalEquations(
-        signatures=tuple(s.without_motion() for s in signatures),
+        signatures=tuple(kept),
         index=tuple(index),
         names=tuple(names),
-        scale=np.array(scale),
+        scale=scale,
+        start=offset,
         channels=tuple(products),
         designs=tuple(designs),
         observed=tuple(observed),
@@ -120,10 +120,9 @@ def build_normal_equations(
     )
 
 
-def extend_normal_equations(equations: NormalEquations, signatures: Sequence[Signature]) -> NormalEquations:
+def extend_normal_equations(equations: NormalEquations, signatures: Iterable[Signature]) -> NormalEquations:
     """Return normal equations with further signatures appended, zero in the current model."""
-    index, names, scale, picked = _number_columns(signatures, list(equations.names))
-    fresh = [_design(channel, signatures, picked) for channel in equations.source]
+    kept, index, names, scale, fresh = _read_columns(equations.source, signatures, equations.names)
     designs = [np.concatenate([old, new], axis=-1) for old, new in zip(equations.designs, fresh, strict=True)]
     products = [
         _multiply(c, d, y, old)
@@ -131,10 +130,11 @@ def extend_normal_equations(equations: NormalEquations, signatures: Sequence[Sig
     ]
     return replace(
         equations,
-        signatures=(*equations.signatures, *(s.without_motion() for s in signatures)),
+        signatures=(*equations.signatures, *kept),
         index=(*equations.index, *index),
         names=tuple(names),
         scale=np.concatenate([equations.scale, scale]),
+        start=np.pad(equations.start, (0, len(scale))),
         channels=tuple(products),
         designs=tuple(designs),
     )
@@ -189,41 +189,43 @@ def project_out(gram: Array, nuisance: NDArray[np.int_]) -> Array:
     return np.asarray(gram - cross @ np.linalg.solve(block, cross.T))
 
 
-def _number_columns(
-    signatures: Sequence[Signature], names: list[str]
-) -> tuple[list[NDArray[np.int_]], list[str], list[float], list[tuple[int, int]]]:
-    """Number the columns, shared ones once; return index, names, scales and (signature, parameter) of new ones."""
-    number = {name: k for k, name in enumerate(names)}
-    index, scale, picked = [], [], []
-    for count, signature in enumerate(signatures):
-        columns = []
-        for k, name in enumerate(signature.column_names):
-            if name not in number:
-                number[name] = len(names)
-                names.append(name)
-                scale.append(float(signature.scale[k]))
-                picked.append((count, k))
-            columns.append(number[name])
-        index.append(np.array(columns, int))
-    return index, names, scale, picked
+def _read_columns(
+    channels: Sequence[Channel], signatures: Iterable[Signature], known: Sequence[str]
+) -> tuple[list[Signature], list[NDArray[np.int_]], list[str], Array, list[Array]]:
+    """Read signatures one by one, so that their motions need not be held together; columns of one name once.
+
+    Returns the signatures without their motions, the columns of each, the names of known and new columns, and scale
+    (k,) and designs (r, c, k) of the new ones.
+    """
+    names, number = list(known), {name: k for k, name in enumerate(known)}
+    kept: list[Signature] = []
+    index, scale = [], [np.zeros(0)]
+    designs = [[np.zeros((*channel.residual.shape, 0))] for channel in channels]
+    for signature in signatures:
+        fresh = [k for k, name in enumerate(signature.column_names) if name not in number]
+        for k in fresh:
+            number[signature.column_names[k]] = len(names)
+            names.append(signature.column_names[k])
+        index.append(np.array([number[name] for name in signature.column_names], int))
+        if fresh:
+            scale.append(signature.scale[fresh])
+            for channel, design in zip(channels, designs, strict=True):
+                design.append(_design(channel, signature, fresh))
+        kept.append(signature.without_motion())
+    return kept, index, names, np.concatenate(scale), [np.concatenate(design, axis=-1) for design in designs]
 
 
-def _design(channel: Channel, signatures: Sequence[Signature], picked: Sequence[tuple[int, int]]) -> Array:
+def _design(channel: Channel, signature: Signature, columns: Sequence[int]) -> Array:
     """Return columns in units of the noise, each scaled by its prior. Shape (r, c, k)."""
-    result = np.zeros((*channel.residual.shape, len(picked)))
     part = {"position": slice(0, 3), "orientation": slice(3, 6)}.get(channel.name, slice(None))
-    start = 0
-    for number, of_one in groupby(picked, key=lambda pick: pick[0]):
-        signature, columns = signatures[number], [k for _, k in of_one]
-        motion = signature.encoder if channel.name == "encoder" else signature.twist
-        if channel.name == "distance":
-            motion = signature.between
-        if motion is not None:
-            factor = signature.scale[columns] / channel.sigma
-            rows = np.arange(len(channel.rows)) if channel.name == "distance" else channel.rows
-            result[:, :, start : start + len(columns)] = motion[:, part][rows][..., columns] * factor[:, None]
-        start += len(columns)
-    return result if channel.direction is None else along(channel.direction, result)
+    motion = signature.encoder if channel.name == "encoder" else signature.twist
+    rows = channel.rows
+    if channel.name == "distance":
+        motion, rows = signature.between, np.arange(len(channel.rows))
+    if motion is None:
+        return np.zeros((*channel.residual.shape, len(columns)))
+    design = motion[:, part][rows][..., columns] * (signature.scale[columns] / channel.sigma)[:, None]
+    return design if channel.direction is None else along(channel.direction, design)
 
 
 def _multiply(channel: Channel, design: Array, observed: Array, old: ChannelProducts | None = None) -> ChannelProducts:

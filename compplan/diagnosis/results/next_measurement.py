@@ -33,7 +33,7 @@ from compplan.diagnosis.validation.unmodelled import UNMODELLED
 from compplan.effects import apply_effects, build_model, solve_model_poses, transmission_error
 from compplan.effects.linearization import Linearization, Place, linearize_model
 from compplan.measurement.campaign import Campaign
-from compplan.measurement.pose_selection import grow_choice, odds_gains, weight_rows
+from compplan.measurement.pose_selection import explain_rows, grow_choice, odds_gains
 from compplan.robot import Array, Robot
 from compplan.statics.chain import build_chain, locate_frames
 
@@ -142,9 +142,8 @@ def predict_columns(fit: Fit, at: Linearization) -> list[Array]:
     equations, n = fit.search.equations, len(at.campaign)
     claimed = [equations.signatures[claim.signature] for claim in fit.model.claims]
     looked_for = [s for s in claimed if s.name in (*SHIFTS, transmission_error.name)]
-    offered = offered_signatures(at, fit.problem.register, SHIFTS)
-    offered += propose_again(at, looked_for, {key_of(s) for s in looked_for})
-    by_key = {(s.place, s.form): s for s in offered}
+    again = propose_again(at, looked_for, {key_of(s) for s in looked_for})
+    by_key = {(s.place, s.form): s for s in (*offered_signatures(at, fit.problem.register, SHIFTS), *again)}
     designs = [np.zeros((n, channel.residual.shape[1], equations.p)) for channel in equations.source]
     done: set[int] = set()
     for number, signature in enumerate(equations.signatures):
@@ -196,8 +195,8 @@ def pick_poses(mean: Array, covariance: Array, rows: Array) -> tuple[list[int], 
     Returns:
         Their numbers, and the expected log likelihood ratio of all of them together.
     """
-    gains = weight_rows(odds_gains, covariance, rows, 1.0, mean)
-    picked = list(grow_choice(gains, min(FEW_ROWS, len(rows))))
+    most = min(FEW_ROWS, len(rows))
+    picked = list(grow_choice(lambda taken: odds_gains(*explain_rows(mean, covariance, rows[taken], 1.0), rows), most))
     return [pose for pose, _ in picked], sum(added for _, added in picked)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -102,7 +102,7 @@ def _round(
         outliers = find_outliers(problem.campaign, residual, state.scatter, known_approach(problem.campaign, state))
     else:
         outliers = find_gross_outliers(problem.campaign, residual)
-    use = known_approach(problem.campaign, state)
+    use = known_approach(problem.campaign, state) & problem.searched
     use[outliers] = False
     state = replace(state, use=use)
     channels = build_channels(at.scene, at.attained, use, noises)
@@ -127,18 +127,17 @@ def _round(
 
 def _offer_all(
     problem: Problem, state: FitState, at: Linearization, proposals: list[Signature]
-) -> list[Signature]:  # fmt: skip
+) -> Iterator[Signature]:  # fmt: skip
     """List signatures without unknown rows or periods, and earlier proposals that are claimed.
 
     A nonlinear stiffness of a joint requires a spring in the robot folder; a rigid joint gets compliance instead.
     """
     springs = own_springs(problem.robot)
     sprung = {problem.robot.joint_names[index] for index, spring in springs.items() if spring.compliance > 0.0}
-    fixed = [
-        s for s in offered_signatures(at, problem.register, problem.excluded)
-        if s.name != "stiffness_nonlinearity" or s.joint in sprung
-    ]  # fmt: skip
-    return fixed + propose_again(at, proposals, {key for key, _ in state.claims})
+    for signature in offered_signatures(at, problem.register, problem.excluded):
+        if signature.name != "stiffness_nonlinearity" or signature.joint in sprung:
+            yield signature
+    yield from propose_again(at, proposals, {key for key, _ in state.claims})
 
 
 def _search_equations(
@@ -154,8 +153,10 @@ def _search_equations(
 
 def _build_search(problem: Problem, equations: NormalEquations, start: Hyper) -> Search:
     free = [n for n, s in enumerate(equations.signatures) if s.name == REGISTRATION]
-    candidates = [n for n in range(len(equations.signatures)) if n not in free]
     robot, prior = problem.robot, build_prior(equations, free, problem.excluded)
+    # a base frame moves whatever the placement of the first joint moves
+    same = [("link_geometry", robot.joint_names[0])] if "base_frame" in {s.name for s in equations.signatures} else []
+    candidates = [n for n, s in enumerate(equations.signatures) if n not in free and (s.name, s.joint) not in same]
     springs = any(spring.compliance > 0.0 for spring in robot.springs) or bool(robot.link_elasticities)
     # under varying loads, small compliances everywhere are fitted as well, and deflect
     rigid = not (springs or problem.campaign.load_varies or any(e.name in SOFT for e in problem.fixed))
@@ -238,7 +239,7 @@ def descend(fit: Fit, full: FitState) -> tuple[FitState, float] | None:
     if not tried:
         return None
     least, state = min(tried, key=lambda t: t[0])
-    left_out = known_approach(fit.problem.campaign, fit.state) & ~fit.state.use
+    left_out = known_approach(fit.problem.campaign, fit.state) & fit.problem.searched & ~fit.state.use
     return state, fit.model.score - 0.5 * (least - predicted_cost + NOISE.outlying**2 * float(left_out.sum()))
 
 

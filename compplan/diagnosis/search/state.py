@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.diagnosis.data.channels import Channel
+from compplan.diagnosis.data.channels import Channel, group_poses
 from compplan.diagnosis.data.noise import Noise
+from compplan.diagnosis.data.shared import SAMPLE, SEED
 from compplan.diagnosis.evidence.candidates import CLASSES, REGISTRATION, Key, in_background, key_of
 from compplan.diagnosis.evidence.evidence import drop_negative
 from compplan.diagnosis.evidence.normal_equations import NormalEquations
@@ -40,6 +42,20 @@ class Problem:
     latest: list[tuple[tuple[Effect, ...], ForwardModel, Attained]] = field(
         default_factory=list, init=False, repr=False
     )
+
+    @cached_property
+    def searched(self) -> NDArray[np.bool_]:
+        """Rows that names are searched in, poses with all their visits: all, or of many poses `SAMPLE`. Shape (n,).
+
+        One pose is drawn from each stretch of time with as many poses.
+        """
+        group = np.unique(group_poses(self.campaign), return_inverse=True)[1].reshape(-1)
+        first = np.unique(group, return_index=True)[1]
+        order = np.argsort(first)
+        ends = np.arange(SAMPLE + 1) * len(order) // SAMPLE
+        if len(order) <= SAMPLE:
+            return np.ones(len(group), bool)
+        return np.isin(group, order[np.random.default_rng(SEED).integers(ends[:-1], ends[1:])])
 
     @property
     def excluded(self) -> tuple[str, ...]:

@@ -19,18 +19,31 @@ repeated without each fold of poses, which validates the robot folder on held-ou
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.diagnosis.evidence.candidates import BACKGROUND, CLASSES, REGISTRATION, in_background
+from compplan.diagnosis.data.channels import build_channels
+from compplan.diagnosis.data.shared import SAMPLE
+from compplan.diagnosis.evidence.candidates import (
+    BACKGROUND,
+    CLASSES,
+    REGISTRATION,
+    in_background,
+    key_of,
+    offered_signatures,
+    propose_again,
+    proposed_signatures,
+)
 from compplan.diagnosis.evidence.evidence import EVIDENCE, SIZES, Posterior
 from compplan.diagnosis.evidence.likelihood import factorize, invert_factor, invert_triangle, mirror_lower, solve_factor
-from compplan.diagnosis.evidence.normal_equations import NormalEquations, extend_normal_equations, turn_along
+from compplan.diagnosis.evidence.normal_equations import NormalEquations, build_normal_equations, turn_along
+from compplan.diagnosis.search.fit import register_again
 from compplan.diagnosis.search.search import Claim
-from compplan.diagnosis.search.state import Fit, FitState, build_state
+from compplan.diagnosis.search.state import Fit, FitState, build_state, known_approach
 from compplan.diagnosis.validation.held_out import Folds, HeldOut
 from compplan.effects.signature import Signature
 from compplan.effects.transmission_error import periods_seen, waves_at
@@ -85,6 +98,8 @@ class StayMeans:
 
     def take(self, kept: NDArray[np.bool_]) -> StayMeans:
         """Select columns. Shape of `kept`: (k,)."""
+        if kept.all():
+            return self
         return replace(
             self, design=self.design[:, kept], columns=self.columns[kept], group=self.group[kept],
             positive=self.positive[kept],
@@ -152,23 +167,48 @@ def is_calibrated(signature: Signature) -> bool:
     return signature.name in (REGISTRATION, "gravity_sag", "tool_frame") or in_background(signature)
 
 
-def add_gear_waves(fit: Fit) -> Fit:
-    """Extend the normal equations of a fit by gear waves of every harmonic; its prior contains none of them."""
-    at, equations, prior = fit.at, fit.search.equations, fit.search.prior
-    known, fresh = set(equations.names), []
-    for index in np.flatnonzero(~at.robot.prismatic):
-        visited = float(np.ptp(fit.problem.campaign.q[:, index]))
-        cycles = range(1, CALIBRATION.waves + 1)
-        seen = [c for c in cycles if periods_seen(c, visited, slides=False) >= CALIBRATION.seen]
-        fresh += [waves_at(at, int(index), [float(c)]) for c in seen]
-    fresh = [signature for signature in fresh if not known & set(signature.column_names)]
-    equations = extend_normal_equations(equations, fresh)
-    grown = (0, equations.p - len(prior.slab))
-    background = np.pad(prior.background, grown, constant_values=-1)
-    spread, free, slab = np.pad(prior.spread, grown), np.pad(prior.free, grown), np.pad(prior.slab, grown)
-    prior = replace(prior, background=background, spread=spread, free=free, slab=slab)
-    odds = np.pad(fit.search.log_prior, (0, len(fresh)), constant_values=-np.inf)
-    return replace(fit, search=replace(fit.search, equations=equations, prior=prior, log_prior=odds, cache={}))
+def read_all_rows(fit: Fit, claims: Sequence[Claim]) -> Fit:
+    """Return a fit with the normal equations of its calibration, of all rows that are not outliers.
+
+    They have the columns of claims, small errors, effects in the model that was linearized, and gear waves of every
+    harmonic, last; its prior contains none of these waves. Other signatures keep their numbers, without columns.
+    """
+    problem, at, old, prior = fit.problem, fit.at, fit.search.equations, fit.search.prior
+    use = known_approach(problem.campaign, fit.state)
+    use[fit.outliers] = False
+    claimed = {claim.signature for claim in (*fit.model.claims, *claims)}
+    needed = {
+        key_of(s): is_calibrated(s) or n in claimed or bool(old.start[old.columns(n)].any())
+        for n, s in enumerate(old.signatures)
+    }
+    names = {name for s in old.signatures if needed[key_of(s)] for name in s.column_names}
+
+    def read() -> Iterator[Signature]:
+        proposals = proposed_signatures(old.signatures)
+        again = (propose_again(at, [s], {key_of(s)})[0] if needed[key_of(s)] else s for s in proposals)
+        for signature in chain(offered_signatures(at, problem.register, problem.excluded), again):
+            if key_of(signature) in needed:
+                yield signature if needed[key_of(signature)] else signature.part(signature.form, slice(0))
+        for index in np.flatnonzero(~at.robot.prismatic):
+            visited = float(np.ptp(problem.campaign.q[:, index]))
+            for cycles in range(1, CALIBRATION.waves + 1):
+                if periods_seen(cycles, visited, slides=False) >= CALIBRATION.seen:
+                    waves = waves_at(at, int(index), [float(cycles)])
+                    if names.isdisjoint(waves.column_names):
+                        yield waves
+
+    channels = build_channels(at.scene, at.attained, use, fit.noises)
+    equations = build_normal_equations(channels, read(), dict(zip(old.names, old.start * old.scale, strict=True)))
+    state = fit.state if problem.searched.all() else register_again(fit, replace(fit.state, use=use), use)
+    known = {name: number for number, name in enumerate(old.names) if name in names}
+    column = np.array([known.get(name, -1) for name in equations.names])
+    prior = replace(
+        prior, background=np.where(column < 0, -1, prior.background[column]),
+        spread=np.where(column < 0, 0.0, prior.spread[column]), free=(column >= 0) & prior.free[column],
+        slab=np.where(column < 0, 0.0, prior.slab[column]),
+    )  # fmt: skip
+    search = replace(fit.search, equations=equations, prior=prior, cache={})
+    return replace(fit, state=state, channels=channels, search=search)
 
 
 def average_stays(equations: NormalEquations, claims: Sequence[Claim], noise: Array) -> StayMeans:
@@ -208,48 +248,65 @@ def solve_means(
     """Fit variances, noise and values to all or some of the means (N,), optionally from a start and its columns."""
     used = np.ones(len(means.observed), bool) if rows is None else rows
     means = means if start is None else start.means
-    y, channel = means.observed[used], means.channel[used]
-    size2 = np.maximum(np.mean(means.design[used] ** 2, axis=0), 1e-12)
+    y, channel, count = means.observed, means.channel, int(used.sum())
+    explained = np.zeros(len(y)) if start is None else means.design @ start.mean
+    size2 = np.maximum(np.einsum("n,nk,nk->k", used / count, means.design, means.design), 1e-12)
     alive = (size2 > CALIBRATION.least_motion**2) | (means.group < 0)
     means, size2 = means.take(alive), size2[alive]
-    design, group = means.design[used], means.group
+    design, group = means.design, means.group
     unit2 = np.minimum(1.0 / size2, CALIBRATION.largest**2)
     most = np.where(group < len(CLASSES), CALIBRATION.largest**2, max(SIZES) ** 2)
     width2 = np.ones(len(CLASSES))
     if start is None:
         variance = np.where(group < 0, EVIDENCE.free_variance, unit2)
-        noise = np.array([CALIBRATION.first_noise * np.mean(y[channel == k] ** 2) for k in range(len(means.least))])
-        noise = np.maximum(noise, means.least)
+        noise = np.array([np.mean(y[used & (channel == k)] ** 2) for k in range(len(means.least))])
+        noise, weight = np.maximum(CALIBRATION.first_noise * noise, means.least), used.astype(float)
     else:
         variance, noise = start.variance[alive], start.noise.copy()
-    weight, explained = np.ones(len(y)), np.zeros(len(y))
+        weight = used * _weigh(y - explained, noise[channel])
     for _ in range(CALIBRATION.reweighted):
-        root = np.sqrt(weight / noise[channel])
-        scaled, target = design * root[:, None], y * root
-        gram = scaled.T @ scaled if len(y) >= design.shape[1] else None
+        sharp = weight / noise[channel]
+        gram = _multiply(design, sharp) if count >= design.shape[1] else None
         for _ in range(CALIBRATION.steps):
-            mean, known = _solve(scaled, target, gram, variance)
+            mean, known = _solve(design, sharp, y, gram, variance)
             variance = _fit_variance(mean, np.clip(known, 1e-9, 1.0), unit2, group, variance, width2)
             variance = np.clip(variance, 1e-300, np.where(group < 0, EVIDENCE.free_variance, most))
         before, explained = explained, design @ mean
         left = y - explained
         for k in range(len(noise)):
-            mask = channel == k
-            freedom = max(mask.sum() * (1.0 - known.sum() / len(y)), 1.0)
+            mask = used & (channel == k)
+            freedom = max(mask.sum() * (1.0 - known.sum() / count), 1.0)
             noise[k] = max(float(np.sum(weight[mask] * left[mask] ** 2)) / freedom, means.least[k])
-        weight = (CALIBRATION.student + 1.0) / (CALIBRATION.student + left**2 / noise[channel])
-        if np.mean((explained - before) ** 2 / noise[channel]) < CALIBRATION.tolerance**2:
+        weight = used * _weigh(left, noise[channel])
+        if np.sum(used * (explained - before) ** 2 / noise[channel]) < CALIBRATION.tolerance**2 * count:
             break
-    root = np.sqrt(weight / noise[channel])
+    sharp = weight / noise[channel]
+    information, against = _multiply(design, sharp), design.T @ (sharp * y)
     while True:
-        scaled, deviation = means.design[used] * root[:, None], np.sqrt(variance)
-        information = scaled.T @ scaled
+        deviation = np.sqrt(variance)
         lower = factorize(information * np.outer(deviation, deviation) + np.eye(len(deviation)))
-        mean = deviation * solve_factor(lower, deviation * (scaled.T @ (y * root)))
+        mean = deviation * solve_factor(lower, deviation * against)
         wrong = means.positive & (mean < 0.0)
         if not wrong.any():
             return SolvedMeans(means, variance, mean, information, noise)
         means, variance = means.take(~wrong), variance[~wrong]
+        information, against = information[np.ix_(~wrong, ~wrong)], against[~wrong]
+
+
+def _weigh(left: Array, noise: Array) -> Array:
+    """Return the robust weights of residuals with the variance of their noise. Shape (N,)."""
+    return np.asarray((CALIBRATION.student + 1.0) / (CALIBRATION.student + left**2 / noise))
+
+
+def _multiply(design: Array, weight: Array) -> Array:
+    """Return the weighted products of columns (N, k), weights (N,), without a copy of all rows. Shape (k, k)."""
+    root = np.sqrt(weight)[:, None]
+    parts = [slice(first, first + SAMPLE) for first in range(0, len(design), SAMPLE)]
+    gram = np.zeros((design.shape[1], design.shape[1]))
+    for part in parts:
+        scaled = design[part] * root[part]
+        gram += scaled.T @ scaled
+    return gram
 
 
 def _fit_variance(
@@ -276,14 +333,16 @@ def _fit_variance(
     return fitted
 
 
-def _solve(design: Array, target: Array, gram: Array | None, variance: Array) -> tuple[Array, Array]:
+def _solve(
+    design: Array, weight: Array, observed: Array, gram: Array | None, variance: Array
+) -> tuple[Array, Array]:  # fmt: skip
     """Return values and 1 - S_jj / d_j of each column; without a gram solved among the values. Shapes (k,)."""
     deviation = np.sqrt(variance)
-    scaled = design * deviation
     if gram is not None:
         lower = factorize(gram * np.outer(deviation, deviation) + np.eye(len(variance)))
         inverse = invert_factor(lower)
-        return deviation * solve_factor(lower, scaled.T @ target), 1.0 - np.diag(inverse)
-    white = invert_triangle(factorize(scaled @ scaled.T + np.eye(len(target))))
+        return deviation * solve_factor(lower, deviation * (design.T @ (weight * observed))), 1.0 - np.diag(inverse)
+    scaled = design * np.sqrt(weight)[:, None] * deviation
+    white = invert_triangle(factorize(scaled @ scaled.T + np.eye(len(observed))))
     across = white @ scaled
-    return deviation * (across.T @ (white @ target)), np.asarray(np.sum(across**2, axis=0))
+    return deviation * (across.T @ (white @ (observed * np.sqrt(weight)))), np.asarray(np.sum(across**2, axis=0))

@@ -8,7 +8,7 @@ cause.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations_with_replacement
 
@@ -53,22 +53,22 @@ class UnmodelledSettings:
 SHAPES = UnmodelledSettings()
 
 
-def unmodelled_signatures(fit: Fit) -> list[Signature]:
+def unmodelled_signatures(fit: Fit) -> Iterator[Signature]:
     """List the dependences that a campaign can show, without those that another one contains."""
     at = fit.at
-    found = [*_of_position(at), *_of_time(at)]
+    yield from _of_position(at)
+    yield from _of_time(at)
     if at.campaign.load_varies:
-        found += _of_load(at)
+        yield from _of_load(at)
     if at.attained.chain.n_springs:
         # a force on the tool that depends on the position of the target
         twist, encoder = at.wrench_response(_times(_shifts(at), _monomials(at, 2)[0]))
-        found += _offer(None, "an unknown force that changes with the place", "curved", twist, encoder, common=True)
+        yield from _offer(None, "an unknown force that changes with the place", "curved", twist, encoder, common=True)
     if at.campaign.load_varies:
         # bending about the axis of the load is an effect of the vocabulary, unless excluded
-        found += _of_links(at, bending="link_compliance" in fit.problem.without)
+        yield from _of_links(at, bending="link_compliance" in fit.problem.without)
     for index in range(at.robot.nq):
-        found += _of_joint(at, index)
-    return found
+        yield from _of_joint(at, index)
 
 
 def describe_unmodelled(joint: str | None, driver: str) -> str:
@@ -251,9 +251,9 @@ def class_of(signature: Signature) -> tuple[str, str]:
 
 def revise_probabilities(fit: Fit) -> RevisedProbabilities:
     """Re-estimate the claims of a fit with unmodelled errors in the model."""
-    fresh = unmodelled_signatures(fit)
     old = fit.search.equations
-    equations = extend_normal_equations(old, fresh)
+    equations = extend_normal_equations(old, unmodelled_signatures(fit))
+    fresh = equations.signatures[len(old.signatures) :]
     kinds = list(dict.fromkeys(class_of(s) for s in fresh))
     numbers = range(len(old.signatures), len(equations.signatures))
     members = tuple(
