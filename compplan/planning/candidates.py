@@ -27,8 +27,8 @@ from compplan.planning.measured_runs import (
     reference_run,
 )
 from compplan.planning.motion_limits import difference_motion
-from compplan.planning.posture.choose import choose_posture_path
-from compplan.planning.posture.start import build_start, find_plain
+from compplan.planning.posture.choose import choose_plain, choose_posture_path
+from compplan.planning.posture.start import build_start
 from compplan.planning.posture.summary import PostureSummary, Start
 from compplan.planning.redundancy import CostWeights, PathRequest, shape_start
 from compplan.planning.task import PlanTask
@@ -50,6 +50,9 @@ CALM = 0.5
 LONGEST = 8000
 #: Weights of the program by preset; other presets keep the posture of the search.
 COST_WEIGHTS = {"fast": CostWeights(band=0.0), **dict.fromkeys(("accurate", "error_band", ""), CostWeights())}
+#: Share of the reference time below which a run leaves no time to slow down, and weights of a calmer posture for it
+#: (fitted to `python -m benchmarks results redundant`).
+LEFT, CALMER = 0.02, CostWeights(band=1.0, smooth=0.5)
 
 
 def better_start(start: Start, request: PathRequest, *, shape: bool = True) -> Start:
@@ -59,18 +62,15 @@ def better_start(start: Start, request: PathRequest, *, shape: bool = True) -> S
     becomes shorter and its band not wider. `error_band` also starts from the result of the unnamed default `accurate`,
     and may take the time of the slower of both, so that its band is not wider. Without `shape` no program is solved.
     """
-    posture_choice = start.posture_choice
-    if posture_choice is None:
+    if start.posture_choice is None:
         return start
-    default = None
-    if posture_choice.settings.compares:
+    settings, default = start.settings, None
+    if settings.compares:
         start, default = _compare_presets(start, request)
-        posture_choice = start.posture_choice or posture_choice
-    settings = posture_choice.settings
     preset = settings.preset if settings.compares else ""
     most = max(settings.lead, settings.lean, request.tube)
-    free = settings.free_spin or most > 0.0 or posture_choice.q.shape[1] > 6
-    if preset not in COST_WEIGHTS or not free or posture_choice.missed.any() or not shape or settings.start is not None:
+    free = settings.free_spin or most > 0.0 or start.q.shape[1] > 6
+    if preset not in COST_WEIGHTS or not free or start.missed.any() or not shape or settings.start is not None:
         return start
     task = request.state(start)
     if (not preset or (preset == "fast" and len(task) > LONGEST)) and _keeps_feed(task):
@@ -83,16 +83,17 @@ def better_start(start: Start, request: PathRequest, *, shape: bool = True) -> S
     if preset == "error_band" and default is not None and (usual := measure_runs(default, request)):
         own = (usual, ease_run("", usual[0], usual[0], request))  # default result: the band must not be wider than that
         groups = [own] if np.allclose(default.q, start.q, atol=SAME_POSTURE) else [*groups, own]
-    plain = find_plain(request.problem, start) if len(task) <= LONGEST else None
-    if plain is not None and not plain.missed.any() and not np.allclose(plain.q, start.q, atol=SAME_POSTURE):
-        groups[-1][0].extend(measure_runs(replace(plain, program={"start": "programmed"}), request))
+    plain = choose_plain(request.problem) if len(task) <= LONGEST else None
+    if plain is not None and not np.allclose(plain.q, start.q, atol=SAME_POSTURE):
+        programmed = replace(build_start(plain, request.problem.nominal, settings), program={"start": "programmed"})
+        groups[-1][0].extend(measure_runs(programmed, request))
     candidates = [base for _, base in groups]
     for runs, base in groups:
-        for origin in tuple(runs):
-            of_origin = request.state(origin.start)
-            shaped = shape_start(of_origin, origin.start, request, COST_WEIGHTS[preset],
-                                 reference_run(base, origin, of_origin))  # fmt: skip
-            runs += [] if shaped is None else measure_runs(shaped, request)
+        found = _solve_program(runs[0], base, request, COST_WEIGHTS[preset])
+        calmer = preset != "fast" and any(run.time > (1.0 - LEFT) * base.time for run in found)
+        if calmer or len(runs) > 1:
+            found += _solve_program(runs[-1], base, request, CALMER if calmer else COST_WEIGHTS[preset])
+        runs += found
         bands = [band_at_time(run, base) for run in runs]  # of equal ones, the nearest to the posture of the search
         alike = (run for run, band in zip(runs, bands, strict=True) if band <= (1.0 + LEAST_GAIN) * min(bands))
         best = runs if preset == "fast" else [next(alike)]
@@ -104,6 +105,15 @@ def better_start(start: Start, request: PathRequest, *, shape: bool = True) -> S
         return start
     taken = taken._replace(time=request.time(request.state(taken.start)))
     return _take(start, first, taken, least_time(task))
+
+
+def _solve_program(
+    origin: TimedStart, base: TimedStart, request: PathRequest, weights: CostWeights
+) -> list[TimedStart]:
+    """Solve the program of posture and speed from a run; return its run, if there is one."""
+    task = request.state(origin.start)
+    shaped = shape_start(task, origin.start, request, weights, reference_run(base, origin, task))
+    return [] if shaped is None else measure_runs(shaped, request)
 
 
 def _compare_presets(start: Start, request: PathRequest) -> tuple[Start, Start | None]:

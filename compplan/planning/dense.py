@@ -137,7 +137,7 @@ def state_problem(task: PlanTask, stations: NDArray[np.int_], q: Array, released
         programmed=task.position[stations], wrench=task.wrench[stations], theta=task.theta[stations],
         bias=np.zeros((k, task.chain.n_springs)) if task.bias is None else task.bias[stations],
         loaded=task.compensated[stations], q_start=task.q_start[stations], guess=q[stations], lower=lower, upper=upper,
-        spin_free=task.spin_free, axis_free=task.axis_free, limits=tuple(limits), along=length[stations],
+        spin_free=task.spin_free, limits=tuple(limits), along=length[stations],
         costs=tuple(costs), shift=shift, turn=turn, released=free if free.any() else None,
     )  # fmt: skip
 
@@ -159,7 +159,7 @@ def pick_stations(task: PlanTask, most: int) -> NDArray[np.int_]:
     rows = np.flatnonzero(task.compensated)
     if len(rows) <= most:
         return rows
-    bends = find_corners(task.nominal)[1][rows[:-1]]
+    bends = np.r_[0.0, find_corners(task.nominal)[1][rows[1:-1]]]
     jumps = np.linalg.norm(np.diff(task.wrench[rows, :3], axis=0), axis=1)
     share = [each / total for each in (bends, jumps) if (total := each.sum()) > 1e-9]
     density = np.r_[0.0, np.cumsum(2.0 / (len(rows) - 1) + sum(share, np.zeros(len(rows) - 1)))]

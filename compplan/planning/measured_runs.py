@@ -53,13 +53,23 @@ class TimedStart(NamedTuple):
 
     start: Start  #: Start with its slowdown.
     time: float  #: Total time. [s]
-    band: float  #: Widest 95 % band along the cut. [m]
-    static_band: float  #: The same without vibration. [m]
+    bands: Array  #: 95 % band at rows of the cut. Shape (k,). [m]
+    static_bands: Array  #: The same without vibration. Shape (k,). [m]
     deflection: float  #: Greatest quasi-static displacement of the tip by inertia along the cut. [m]
     spare: float  #: Time saved by the shortest smoothing windows. [s]
     static_covariance: Array  #: Covariance of the tip at rows of the cut, without vibration. Shape (k, 3, 3). [m^2]
     task: PlanTask  #: Task with the default windows.
     passing: Array  #: Time at each waypoint of the task. Shape (n,). [s]
+
+    @property
+    def band(self) -> float:
+        """Widest 95 % band along the cut. [m]"""
+        return float(self.bands.max(initial=0.0))
+
+    @property
+    def static_band(self) -> float:
+        """Widest 95 % band without vibration. [m]"""
+        return float(self.static_bands.max(initial=0.0))
 
 
 def measure_runs(
@@ -91,15 +101,15 @@ def measure_runs(
             time = time_run(run, run.q_start)[1].time
             vibration, deflection = _spread_vibration(run, time, rows, dynamics)
             band = band_radius(covariance + vibration, mean=offset)
-            widest, least = (float(each.max(initial=0.0)) for each in (band, static_band))
-            found.append(TimedStart(eased, float(time[-1]), widest, least, deflection, spare, covariance, whole, time))
+            found.append(TimedStart(eased, float(time[-1]), band, static_band, deflection, spare, covariance, whole,
+                                    time))  # fmt: skip
             if reference is None or not vibration.any():
                 break
             if count % 2 == 0:  # after two rounds the run is near its target; its time decides the bisection
                 late = time[-1] > reference.time
                 if count == 0 and time[-1] > (1.0 - SPARE) * reference.time:
                     break
-                low, high = (target, high) if late else (low, min(target, widest))
+                low, high = (target, high) if late else (low, min(target, found[-1].band))
                 in_time = in_time if late else (slower, band, time)
                 slower, band, time = in_time
                 if high < NEAR * low:
@@ -171,12 +181,22 @@ def choose_run(preset: str, runs: list[TimedStart], base: TimedStart) -> TimedSt
 
 
 def band_at_time(run: TimedStart, base: TimedStart) -> float:
-    """Estimate the band of a run at the time of the base; infinite if the run cannot be that short. [m]
+    """Estimate the band of a run that is slowed to the time of the base; infinite if the run cannot be that short. [m]
 
-    The band due to vibration falls with the square of the time.
+    The slowdown factors are those of a target band that takes the time of the base.
     """
-    vibration = (run.band**2 - run.static_band**2) * (run.time / base.time) ** 4
-    return float(np.sqrt(run.static_band**2 + max(vibration, 0.0))) if run.time - run.spare <= base.time else np.inf
+    if run.time - run.spare > base.time:
+        return np.inf
+    rows, share = pick_rows(run.task.cut, BAND_ROWS), np.gradient(run.passing)
+    vibration = np.maximum(run.bands**2 - run.static_bands**2, 0.0)
+    least, low, high = min(base.time / run.time, 1.0), run.static_band, run.band * max(run.time / base.time, 1.0) ** 2
+    while high - low > 1e-3 * high:
+        target = 0.5 * (low + high)
+        allowed = np.maximum(target**2 - run.static_bands**2, (LEAST_SHARE * target) ** 2)
+        use = np.interp(np.arange(len(share)), rows, (vibration / allowed) ** 0.25)
+        slower = np.maximum(_widen(use, run.passing, run.task.smoothing), least)
+        low, high = (low, target) if run.time + share @ (slower - 1.0) <= base.time else (target, high)
+    return high
 
 
 def compute_gain(preset: str, run: TimedStart, base: TimedStart) -> float:

@@ -70,13 +70,6 @@ class Solution(NamedTuple):
     multipliers: Mapping[str, Array]  #: Multipliers of the rows of each limit. Shapes (k, r).
     active: Mapping[str, NDArray[np.bool_]]  #: Stations at which each limit is active, by name. Shapes (k,).
 
-    @property
-    def time(self) -> float:
-        """Time along the runs. [s]"""
-        root, along = np.sqrt(self.square), self.problem.along
-        parts = [(slice(a, b), slice(a + 1, b + 1)) for a, b in self.problem.runs]
-        return float(sum((2.0 * (along[b] - along[a]) / (root[a] + root[b])).sum() for a, b in parts))
-
 
 class PathProgram(NamedTuple):
     """Program in CasADi."""
@@ -248,13 +241,13 @@ def _state_station(problem: PlanningProblem) -> tuple[Station, list[ca.SX]]:
     slack, excess = ca.SX.sym("slack", rows), ca.SX.sym("excess")
     data = {name: ca.SX.sym(name, values.shape[1]) for name, values in _list_numbers(problem).items()}
     loaded = build_loaded_function(chain, TIMED_STEPS if problem.timed else STEPS)
-    position, rotation, deflection = loaded(q, data["wrench"], data["bias"], data["theta"], data["loaded"])
+    position, rotation, _ = loaded(q, data["wrench"], data["bias"], data["theta"], data["loaded"])
     position = position + data["shift"]
     if problem.turn is not None:
         rotation = ca.mtimes(rotation, ca.reshape(data["turn"], 3, 3))
     wanted = ca.reshape(data["rotation"], 3, 3)
     missed = [ca.mtimes(wanted.T, position - data["position"])]
-    if not problem.axis_free:
+    if chain.nq >= 5:  # with fewer joints the tip determines the axis
         missed += [ca.dot(wanted[:, side], rotation[:, 2]) for side in (0, 1)]
     if not problem.spin_free:
         missed.append(ca.dot(wanted[:, 1], rotation[:, 0]))
@@ -262,9 +255,8 @@ def _state_station(problem: PlanningProblem) -> tuple[Station, list[ca.SX]]:
     station = Station(
         q=q, q_next=ahead, departure=q - data["q_start"], step=data["step"], inverse_step=data["inverse_step"],
         slack=slack, **{name: speed.get(name, none) for name, _ in names},
-        excess=excess, missed=ca.vertcat(*missed), position=position, rotation=rotation, wrench=data["wrench"],
-        programmed=data["programmed"], deflection=deflection, frames=locate_symbolic(chain, q),
-        numbers={name: data[name] for name in problem.term_data},
+        excess=excess, missed=ca.vertcat(*missed), wrench=data["wrench"], programmed=data["programmed"],
+        frames=locate_symbolic(chain, q), numbers={name: data[name] for name in problem.term_data},
     )  # fmt: skip
     return station, [ca.vertcat(q, ahead, *speed.values(), slack, excess), ca.vertcat(*data.values())]
 

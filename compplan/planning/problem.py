@@ -37,7 +37,6 @@ class PlanningProblem:
     lower: Array  #: Lower bounds of the joint positions. Shape (k, nq). [rad or m]
     upper: Array  #: Upper bounds. Shape (k, nq). [rad or m]
     spin_free: bool  #: Whether the rotation about the tool axis is free.
-    axis_free: bool  #: Whether the tip determines the tool axis: arms of four joints.
     limits: tuple[Limit, ...]  #: Constraints.
     costs: tuple[Cost, ...]  #: Terms of the objective.
     along: Array  #: Programmed time from the first station. Shape (k,). [s]
@@ -65,12 +64,12 @@ class PlanningProblem:
     @property
     def pose_rows(self) -> int:
         """Count the pose equations of a station."""
-        return (3 if self.axis_free else 5) + (not self.spin_free)
+        return (3 if self.chain.nq < 5 else 5) + (not self.spin_free)
 
     @property
     def timed(self) -> bool:
         """Return whether the speed along the path is a variable."""
-        return any(each.timed for each in (*self.limits, *self.costs))
+        return self.square is not None
 
     @property
     def term_data(self) -> dict[str, Array]:
@@ -120,10 +119,7 @@ class Station:
     slack: ca.SX  #: Pose error of a released station. Shape (rows).
     excess: ca.SX  #: Correction beyond its limit at a released station. [m]
     missed: ca.SX  #: Pose error in the required frame: tip (3) [m], tool axis (2), spin (1) [rad]. Shape (rows).
-    position: ca.SX  #: Tip, loaded at loaded stations. Shape (3). [m]
-    rotation: ca.SX  #: Orientation of the TCP frame. Shape (3, 3).
     programmed: ca.SX  #: Reference tip of the correction. Shape (3). [m]
-    deflection: ca.SX  #: Elastic coordinates. Shape (s). [rad or m]
     wrench: ca.SX  #: Wrench on the tool. Shape (6). [N, N m]
     frames: SymbolicFrames  #: Frames of the unloaded arm.
     numbers: Mapping[str, ca.SX]  #: Data of limits and costs at this station, by name.
@@ -138,7 +134,6 @@ class Term:
 
     name: ClassVar[str]  #: Name in plan.json.
     formula: ClassVar[str]  #: Formula as text; fields in braces.
-    timed: ClassVar[bool] = False  #: Whether the term depends on the speed along the path.
 
     def __str__(self) -> str:
         return self.formula.format_map(vars(self))

@@ -161,7 +161,7 @@ def state_problem(
         wrench=task.wrench[rows], bias=bias, theta=attained.theta if attained.theta is not None else bias,
         loaded=np.ones(k, bool), q_start=task.q_start[rows], guess=task.q_start[rows],
         lower=np.tile(robot.lower + room, (k, 1)), upper=np.tile(robot.upper - room, (k, 1)), spin_free=True,
-        axis_free=False, limits=tuple(limits), costs=tuple(costs), along=along, runs=runs,
+        limits=tuple(limits), costs=tuple(costs), along=along, runs=runs,
         square=BEGIN * np.minimum(np.gradient(along, reference.passing[rows]), 1.0) ** 2,
     )  # fmt: skip
 
@@ -171,9 +171,7 @@ def shape_start(
 ) -> Start | None:
     """Solve the program of posture and speed from the start of a task; None if nothing is free or feasible."""
     posture_choice, settings = start.posture_choice, start.settings
-    if posture_choice is None or task.missed.any():
-        return None
-    if (free := find_free(task, posture_choice, request)) is None:
+    if posture_choice is None or task.missed.any() or (free := find_free(task, posture_choice, request)) is None:
         return None
     problem = state_problem(task, free, weights, reference)
     scene, clear = settings.scene, problem.q_start
@@ -185,8 +183,6 @@ def shape_start(
             problem = replace(problem, limits=(*kept, rows), guess=clear)
         solution = solve_problem(problem)
         iterations += solution.iterations
-        LOG.debug("posture and speed: %s, %d iterations, %.2f s CPU, time %.4f s beside %.4f", solution.status,
-                  solution.iterations, solution.cpu, solution.time, reference.time)  # fmt: skip
         if solution.violation > CLOSE:
             return None
         found = _follow(task, posture_choice, request, free, solution, settings)

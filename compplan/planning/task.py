@@ -190,11 +190,6 @@ class PlanTask:
         return [(first, last) for first, last in self.runs if self.nominal.steps[first:last].any()]
 
     @property
-    def axis_free(self) -> bool:
-        """Return whether the tip determines the tool axis, as with four joints (palletisers, SCARA)."""
-        return self.chain.nq < 5
-
-    @property
     def redundant(self) -> bool:
         """Return whether the arm has more joints than pose equations."""
         return self.chain.nq - int(self.fixed_joints.sum()) > count_equations(self.chain, spin_free=self.spin_free)
@@ -301,7 +296,8 @@ def differentiate_equations(task: PlanTask, attained: AttainedPose, rows: NDArra
 def _crossings(task: PlanTask, attained: AttainedPose, rows: NDArray[np.int_]) -> list[tuple[Array, Array]]:
     """Pair required and attained directions that are normal to each other at the required pose. Shapes (k, 3)."""
     x, y = task.rotation[rows, :, 0], task.rotation[rows, :, 1]
-    pairs = [] if task.axis_free else [(x, attained.rotation[:, :, 2]), (y, attained.rotation[:, :, 2])]
+    # with four joints (palletisers, SCARA) the tip determines the tool axis
+    pairs = [] if task.chain.nq < 5 else [(x, attained.rotation[:, :, 2]), (y, attained.rotation[:, :, 2])]
     return pairs if task.spin_free else [*pairs, (y, attained.rotation[:, :, 0])]
 
 

@@ -18,6 +18,7 @@ from compplan.planning import candidates
 from compplan.planning.candidates import compute_gain
 from compplan.planning.feed import time_run
 from compplan.planning.fixed_point import resolve_starts
+from compplan.planning.measured_runs import band_at_time
 from compplan.planning.plan import Plan, build_task, plan_job, prepare_job
 from compplan.planning.task import PlanTask
 from compplan.planning.timing import time_command
@@ -41,6 +42,22 @@ def test_a_posture_wins_by_what_its_preset_is_for_alone() -> None:
     assert exact_robot("accurate", 1.0, 1.0, 0.9) == 0.95 and exact_robot("error_band", 1.1, 0.5, 0.5) == np.inf
     assert exact_robot("error_band", 1.0, 0.5, 1.1) == 0.5 and exact_robot("accurate", 1.0, 0.5, 1.1) == 0.8
     assert exact_robot("", 0.9, 1.0, 2.0) == pytest.approx(0.95) and exact_robot("", 0.5, 1.01, 0.9) == np.inf
+
+
+def test_the_band_of_a_run_is_estimated_at_the_time_of_another() -> None:
+    time, bands = np.linspace(0.0, 2.0, 101), np.full(101, 1.0)
+    bands[40:45] = 3.0
+    task = SimpleNamespace(cut=np.ones(101, bool), smoothing=0.1)
+    run = SimpleNamespace(task=task, passing=time, time=2.0, spare=0.2, bands=bands, static_bands=0.1 * np.ones(101),
+                          band=3.0, static_band=0.1)  # fmt: skip
+
+    def estimate(time: float) -> float:
+        return band_at_time(run, SimpleNamespace(time=time))  # type: ignore[arg-type]
+
+    assert estimate(2.0) == pytest.approx(3.0, rel=2e-3) and estimate(1.7) == np.inf
+    assert estimate(1.9) == pytest.approx(3.0 * (2.0 / 1.9) ** 2, rel=2e-2)  # faster everywhere
+    bound = 3.0 * (2.0 / 2.2) ** 2  # the same time spread over the whole run
+    assert 1.0 < estimate(2.2) < 0.8 * bound and estimate(2.5) < estimate(2.2)
 
 
 @pytest.fixture(scope="module")

@@ -27,7 +27,6 @@ class Band(Cost):
     deflection: Array  #: A / d_0, then h / d_0 per pair of joints. Shape (k, 3, nq + nq (nq + 1) / 2).
     name = "band"
     formula = "{weight:g} sum (|d| / d_0)^2 ds"
-    timed = True
 
     @property
     def numbers(self) -> Array:

@@ -18,7 +18,6 @@ class Smoothness(Cost):
     unit: Array  #: Reference acceleration of each joint. Shape (nq,). [rad/s^2 or m/s^2]
     name = "smoothness"
     formula = "{weight:g} sum (q'' / a_max)^2 ds"
-    timed = True
 
     def term(self, station: Station) -> ca.SX:
         """Return the weighted square of the second derivative."""

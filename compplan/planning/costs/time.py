@@ -20,7 +20,6 @@ class Time(Cost):
     reference: float  #: T_0. [s]
     name = "time"
     formula = "{weight:g} T / T_0"
-    timed = True
 
     def term(self, station: Station) -> ca.SX:
         """Return the share of the time to the next station."""

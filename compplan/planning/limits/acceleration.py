@@ -17,7 +17,6 @@ class AccelerationLimit(Limit):
     most: Array  #: Greatest joint accelerations. Shape (nq,). [rad/s^2 or m/s^2]
     name = "acceleration"
     formula = "|q'' x + q' x' / 2| <= a_max"
-    timed = True
     of_joints = True
 
     def rows(self, station: Station) -> ca.SX:

@@ -30,7 +30,6 @@ class TorqueLimit(Limit):
     most: Array  #: Greatest joint torques. Shape (nq,). [N m or N]
     name = "torque"
     formula = "|M q'' + c + g - J^T w| <= tau_max"
-    timed = True
     of_joints = True
 
     def rows(self, station: Station) -> ca.SX:

@@ -18,7 +18,6 @@ class VelocityLimit(Limit):
     most: Array  #: Greatest joint velocities. Shape (nq,). [rad/s or m/s]
     name = "velocity"
     formula = "q'^2 x <= v_max^2"
-    timed = True
     of_joints = True
 
     def rows(self, station: Station) -> ca.SX:

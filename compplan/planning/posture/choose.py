@@ -58,10 +58,31 @@ MARGIN_SAMPLES = 600
 def choose_posture_path(problem: PostureProblem) -> PostureSummary:
     """Choose configuration, spin, extra axes and tilt of the tool axis along a path.
 
+    One configuration and the job's tool orientation are preferred, unless the choice is better by the figure of the
+    preset. Both finished postures are compared. The plain one must keep the required distance from joint limits and
+    singularities, or that of the choice.
+
     Raises:
         InfeasibleError: If no posture path exists; with the waypoints and the violated limit.
     """
-    return _prefer_plain(problem, _choose_line(problem))
+    settings, posture_choice = problem.settings, _choose_line(problem)
+    if not settings.search:
+        return posture_choice
+    leans = np.abs(np.stack([posture_choice.spin, posture_choice.lead, posture_choice.lean])).max()
+    if leans < SAME_ORIENTATION and not posture_choice.changes and not len(problem.arm.held):  # the plain one itself
+        return posture_choice
+    plain = choose_plain(problem)
+    if plain is None:
+        return posture_choice
+    chosen, costs = posture_choice.costs, plain.costs
+    required = {"limit_distance_deg": np.degrees(settings.limit_margin), "dexterity_min": SINGULARITY_MARGIN}
+    if any(costs[name] < min(least, chosen[name]) for name, least in required.items()):
+        return posture_choice
+    figure = FIGURES.get(settings.preset, "sensitivity_rms_mm")
+    ours, theirs = chosen[figure], costs[figure]
+    gained = ours < GAINS[settings.preset] * theirs
+    keeps = gained or (theirs > ours and costs["joint_travel_deg"] >= chosen["joint_travel_deg"])
+    return posture_choice if keeps else plain
 
 
 def choose_partial(problem: PostureProblem) -> PostureSummary | None:
@@ -154,32 +175,6 @@ def _choose_at(
     return posture_choice, np.flatnonzero(bad)
 
 
-def _prefer_plain(problem: PostureProblem, posture_choice: PostureSummary) -> PostureSummary:
-    """Prefer one configuration and the job's tool orientation, unless the choice is better by the figure of the preset.
-
-    Both finished postures are compared. The plain one must keep the required distance from joint limits and
-    singularities, or that of the choice.
-    """
-    settings = problem.settings
-    if not settings.search:
-        return posture_choice
-    leans = np.abs(np.stack([posture_choice.spin, posture_choice.lead, posture_choice.lean])).max()
-    if leans < SAME_ORIENTATION and not posture_choice.changes and not len(problem.arm.held):  # the plain one itself
-        return posture_choice
-    plain = choose_plain(problem, posture_choice)
-    if plain is None:
-        return posture_choice
-    chosen, costs = posture_choice.costs, plain.costs
-    required = {"limit_distance_deg": np.degrees(settings.limit_margin), "dexterity_min": SINGULARITY_MARGIN}
-    if any(costs[name] < min(least, chosen[name]) for name, least in required.items()):
-        return posture_choice
-    figure = FIGURES.get(settings.preset, "sensitivity_rms_mm")
-    ours, theirs = chosen[figure], costs[figure]
-    gained = ours < GAINS[settings.preset] * theirs
-    keeps = gained or (theirs > ours and costs["joint_travel_deg"] >= chosen["joint_travel_deg"])
-    return posture_choice if keeps else plain
-
-
 def least_level(lattice: Lattice, rungs: Rungs) -> float:
     """Compute the smallest squared sensitivity of the usable nodes, mean over the cut. [mm^2]"""
     values = np.where(lattice.usable, lattice.sensitivity, np.inf).min(axis=(1, 2))
@@ -187,7 +182,7 @@ def least_level(lattice: Lattice, rungs: Rungs) -> float:
     return float(1e6 * (rungs.cut_share[known] * values[known] ** 2).sum() / max(rungs.cut_share[known].sum(), 1e-300))
 
 
-def choose_plain(problem: PostureProblem, posture_choice: PostureSummary) -> PostureSummary | None:
+def choose_plain(problem: PostureProblem) -> PostureSummary | None:
     """Choose the plain posture: one configuration, the tool orientation of the job.
 
     None if it cannot be followed.
@@ -198,7 +193,7 @@ def choose_plain(problem: PostureProblem, posture_choice: PostureSummary) -> Pos
         return None
     if plain.changes:
         return None
-    return replace(plain, settings=posture_choice.settings, plain=True)
+    return replace(plain, settings=problem.settings)
 
 
 def _search_clear(

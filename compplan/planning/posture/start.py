@@ -13,7 +13,7 @@ import numpy as np
 
 from compplan.errors import CompplanError, InfeasibleError, InputError
 from compplan.job.job import Job
-from compplan.planning.posture.choose import choose_partial, choose_plain, choose_posture_path
+from compplan.planning.posture.choose import choose_partial, choose_posture_path
 from compplan.planning.posture.clearance import ClearanceProfile, measure_clearance
 from compplan.planning.posture.collision_scene import describe_contact
 from compplan.planning.posture.follow import follow_path
@@ -152,17 +152,6 @@ def check_clearance(start: Start | None, q: Array) -> tuple[ClearanceProfile | N
     if profile.own.first and profile.own.distance <= 0:
         near.setdefault(profile.own_waypoint, f"clearance ({describe_contact(profile.own)})")
     return profile, near
-
-
-def find_plain(problem: PostureProblem, start: Start) -> Start | None:
-    """Return the start with one configuration and the x axis of the tool as programmed.
-
-    None if it is the graph's choice already, or infeasible.
-    """
-    if start.posture_choice is None or start.posture_choice.plain:
-        return None
-    plain = choose_plain(replace(problem, settings=start.settings), start.posture_choice)
-    return None if plain is None else build_start(replace(plain, plain=False), problem.nominal, start.settings)
 
 
 def find_partial(problem: PostureProblem, reason: str) -> Start:

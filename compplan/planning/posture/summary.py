@@ -38,7 +38,6 @@ class PostureSummary(PostureTrace):
     changes: tuple[tuple[int, str, str], ...]
     settings: PostureSettings  #: Settings of the search.
     costs: dict[str, float]  #: Costs by criterion, with the unit in the key.
-    plain: bool = False  #: Whether the plain posture replaced that of the graph.
     #: Costs of the compared postures, by preset, in the unit of `compared_by`.
     compared: Mapping[str, float] = field(default_factory=dict)
     compared_by: str = ""  #: Cost of the comparison, such as "driven_s".
