@@ -45,7 +45,7 @@ class ShapeError(CompplanError):
 
 
 class UnknownNameError(InputError):
-    """A name does not exist, and list the names there are.
+    """A name does not exist; the message lists the existing names.
 
     Args:
         kind: What is named, such as "frame" or "joint".

@@ -273,5 +273,7 @@ def _check_poses(campaign: Campaign, robot: Robot) -> Iterator[Remark]:
             yield Remark("note", "repeats", "no pose is repeated after another one", "repeat five: they show the noise")
     for joint, span in zip(robot.actuated, np.ptp(np.nan_to_num(campaign.q), axis=0), strict=True):
         if joint.kind != "prismatic" and span < NARROW:
-            text = f"{joint.name} moves over {np.degrees(span):.1f} deg only: its zero and stiffness hardly show"
+            text = (
+                f"{joint.name} moves over {np.degrees(span):.1f} deg only: its zero and stiffness are hardly observable"
+            )
             yield Remark("odd", "poses", text)

@@ -147,7 +147,7 @@ measured_options = add_options(
     click.option("--instrument", type=INPUT,
                  help="TOML file of an instrument that measures no positions: contacts (ball in a socket, tip on a "
                  "cone), readings along a direction (dial gauge, probe), distances (ball bar). The tool is fitted "
-                 "unless --target-offset says it."),
+                 "unless --target-offset is given."),
 )  # fmt: skip
 
 

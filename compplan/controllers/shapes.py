@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from compplan.io.tables import Array
+from compplan.toolpath.readers.arcs import Arc, arc_through
 
 #: Fewest rows of an arc, its least length [mm], greatest radius [mm], and greatest sweep [rad].
 ARC_ROWS, ARC_LENGTH, ARC_RADIUS, ARC_SWEEP = 2, 0.5, 2e4, float(np.radians(170.0))
@@ -39,13 +39,6 @@ def sizes_of(vectors: Array) -> Array:
     return np.asarray(np.sqrt(square[:, 0] + square[:, 1] + square[:, 2]))
 
 
-def cross(a: Array, b: Array) -> Array:
-    """Return the cross product of two vectors, with numpy's digits in a tenth of its time. Shape (3,) each."""
-    ax, ay, az = a.tolist()
-    bx, by, bz = b.tolist()
-    return np.array([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
-
-
 def follow_line(x: Array) -> tuple[Array, Array]:
     """Return distances of rows from the line between first and last, and their shares along it. Shape (k, 3) [mm]."""
     arm, chord = x - x[0], x[-1] - x[0]
@@ -61,30 +54,28 @@ def follow_arc(x: Array, via: Array) -> tuple[Array, Array] | None:
 
     None where controllers do not accept the arc. Shapes (k, 3), (3,). [mm]
     """
-    circle = find_circle(x[0], via, x[-1])
-    if circle is None:
+    arc = find_arc(x[0], via, x[-1])
+    if arc is None:
         return None
-    centre, u, v, normal = circle
-    radius = size_of(x[0] - centre)
-    arm = x - centre
-    along, aside, height = arm @ u, arm @ v, arm @ normal
+    centre, axes = np.array(arc.centre), np.array([arc.first, arc.tangent(0.0), arc.normal])
+    along, aside, height = axes @ (x - centre).T
     angle = np.arctan2(aside, along)
     steps = np.diff(angle)
     if np.abs(steps).max() > np.pi:
         angle = np.unwrap(angle)
         steps = np.diff(angle)
-    sweep, between = float(angle[-1]), float(np.arctan2((via - centre) @ v, (via - centre) @ u))
-    if radius > ARC_RADIUS or not 0.0 < sweep < ARC_SWEEP or not MIDDLE <= between / sweep <= 1.0 - MIDDLE:
+    sweep, between = float(angle[-1]), float(np.arctan2(*(axes[1::-1] @ (via - centre))))
+    if arc.radius > ARC_RADIUS or not 0.0 < sweep < ARC_SWEEP or not MIDDLE <= between / sweep <= 1.0 - MIDDLE:
         return None
-    off = np.hypot(np.hypot(along, aside) - radius, height)
-    off[1:] = np.maximum(off[1:], radius * (1.0 - np.cos(0.5 * steps)))
+    off = np.hypot(np.hypot(along, aside) - arc.radius, height)
+    off[1:] = np.maximum(off[1:], arc.radius * (1.0 - np.cos(0.5 * steps)))
     return off, angle / sweep
 
 
 def is_flat(start: Array, via: Array, end: Array) -> bool:
     """Return whether controllers may refuse an arc as too flat. Shape (3,) each."""
     first, second = via - start, end - start
-    return bool(size_of(cross(first, second)) < np.tan(ARC_ANGLE) * (first @ second))
+    return bool(first @ second > math.cos(ARC_ANGLE) * size_of(first) * size_of(second))
 
 
 def find_via(x: Array, middle: int) -> Array:
@@ -116,57 +107,9 @@ def find_via(x: Array, middle: int) -> Array:
     return np.asarray(centre + radius / max(size_of(spoke), 1e-12) * spoke)
 
 
-def find_circle(a: Array, b: Array, c: Array) -> tuple[Array, Array, Array, Array] | None:
-    """Return centre, direction to a, tangent there, and normal of the circle from a through b to c.
-
-    None where the points lie on a line.
-    """
-    first, second = b - a, c - a
-    normal = cross(first, second)
-    square, scale = float(normal @ normal), float(first @ first) * float(second @ second)
-    if square <= 1e-18 * scale or scale <= 0.0:
-        return None
-    arm = cross(first @ first * second - second @ second * first, normal) / (2.0 * square)
-    u = -arm / size_of(arm)
-    normal = normal / np.sqrt(square)
-    return a + arm, u, cross(normal, u), normal
-
-
-class MoveArc(NamedTuple):
-    """An arc: centre, radius vector to its start, the same vector turned by 90 deg towards the end, and sweep [rad].
-
-    Lengths are in the unit of the points that define the arc. Shapes (3,).
-    """
-
-    centre: Array
-    arm: Array
-    side: Array
-    sweep: float
-
-    @property
-    def length(self) -> float:
-        """Length of the arc."""
-        return float(np.linalg.norm(self.arm)) * self.sweep
-
-    def place(self, share: Array) -> Array:
-        """Return points at shares of the arc. Shape (k,) -> (k, 3)."""
-        turned = share[:, None] * self.sweep
-        return np.asarray(self.centre + np.cos(turned) * self.arm + np.sin(turned) * self.side)
-
-    def directions(self) -> Array:
-        """Return the tangents at start and end. Shape (2, 3)."""
-        ways = np.stack([self.side, np.cos(self.sweep) * self.side - np.sin(self.sweep) * self.arm])
-        return np.asarray(ways / max(float(np.linalg.norm(self.arm)), 1e-12))
-
-
-def find_arc(start: Array, via: Array, end: Array) -> MoveArc | None:
-    """Return the arc from one point through a second to a third; None where they lie on a line."""
-    circle = find_circle(start, via, end)
-    if circle is None:
-        return None
-    centre, u, v, _ = circle
-    reach, radius = end - centre, float(np.linalg.norm(start - centre))
-    return MoveArc(centre, radius * u, radius * v, float(np.arctan2(reach @ v, reach @ u) % (2.0 * np.pi)))
+def find_arc(start: Array, via: Array, end: Array) -> Arc | None:
+    """Return the arc from one point through a second to a third; None where they lie on a line. Shape (3,) each."""
+    return arc_through(start.tolist(), via.tolist(), end.tolist())
 
 
 def send_speeds(

@@ -35,7 +35,12 @@ SWING, LEAST_SWING = 0.02, 1e-6
 
 
 def signatures(at: Linearization) -> Iterable[Signature]:
-    """Return a signature for every joint approached from both sides; positive where the link lags."""
+    """Return a signature for every joint approached from both sides; positive where the link lags.
+
+    None if the approach of most rows is unknown, as where each pose has a run label of its own.
+    """
+    if 2 * at.campaign.first_visit.sum() > len(at.campaign):
+        return
     free = ~at.campaign.link_controlled
     for index, joint in enumerate(at.robot.actuated):
         direction = at.campaign.approach[:, index] * free
@@ -52,13 +57,10 @@ def signatures(at: Linearization) -> Iterable[Signature]:
 
 def apply(model: ForwardModel, effect: Effect) -> ForwardModel:
     """Add the lost motion of the link: half the width behind its reading, on either side."""
-    index = model.joint_index(effect.joint)
-    drive = model.drive.copy()
-    values = effect.parameters
+    index, values = model.joint_index(effect.joint), effect.parameters
     width = float(values["width_m"] if "width_m" in values else values["width_rad"])
     start = float(values.get("start_ratio", CAME_FROM_BELOW))
-    drive[:, index] += lost_motion(np.nan_to_num(model.campaign.q[:, index]), width, start)
-    return replace(model, drive=drive)
+    return model.add_to_joint("drive", index, lost_motion(np.nan_to_num(model.campaign.q[:, index]), width, start))
 
 
 def lost_motion(reading: Array, width: float, start: float = 0.0) -> Array:

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -21,7 +21,7 @@ from compplan.measurement.registration import Registration
 from compplan.robot import Array, Robot
 from compplan.robot.mounting import find_hand, mounted_tool
 from compplan.robot.springs import own_sign
-from compplan.statics.chain import Chain, Frames, build_chain, locate_gravity
+from compplan.statics.chain import Chain, Frames, build_chain, jacobian, locate_gravity
 from compplan.statics.elastic import solve_equilibrium
 
 #: Tolerance of elastic coordinates: a nanometre at two metres. [rad or m]
@@ -58,6 +58,12 @@ class ForwardModel:
         """Return the number of a commanded joint, counted from 0."""
         return self.robot.joint_names.index(str(joint))
 
+    def add_to_joint(self, name: Literal["zero", "drive", "joint_load"], index: int, values: Array) -> ForwardModel:
+        """Add values, shape (n,), to a quantity of a joint."""
+        fields: dict[str, Any] = {name: getattr(self, name).copy()}
+        fields[name][:, index] += values
+        return replace(self, **fields)
+
 
 class Attained(NamedTuple):
     """Solution of a model at n rows."""
@@ -72,6 +78,11 @@ class Attained(NamedTuple):
     chain: Chain  #: The chain that was solved.
     frames: Frames  #: Its loaded frames, base axes.
     target: Array  #: Target in the base frame, before registration and base motion. Shape (n, 3). [m]
+
+    @property
+    def jacobian(self) -> Array:
+        """Motion of the target per motion of each element of the chain. Shape (n, 6, m)."""
+        return jacobian(self.chain, self.frames._replace(tcp_position=self.target))
 
 
 def build_model(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import replace
 
 import numpy as np
 
@@ -65,6 +64,5 @@ def apply(model: ForwardModel, effect: Effect) -> ForwardModel:
     """Add the load of the compensator to the spring of the joint."""
     index = model.joint_index(effect.joint)
     parts = shapes(np.nan_to_num(model.campaign.q[:, index]))
-    load = model.joint_load.copy()
-    load[:, index] += sum(float(value) * parts[key] for key, value in effect.parameters.items() if key in parts)
-    return replace(model, joint_load=load)
+    loads = [float(value) * parts[key] for key, value in effect.parameters.items() if key in parts]
+    return model.add_to_joint("joint_load", index, np.sum(loads, axis=0))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import replace
 
 import numpy as np
 
@@ -37,10 +36,9 @@ def apply(model: ForwardModel, effect: Effect) -> ForwardModel:
     """Add the other joint's share, reverse the joint, or shift its zero far."""
     index, values = model.joint_index(effect.joint), effect.parameters
     q = np.nan_to_num(model.campaign.q)
-    zero = model.zero.copy()
+    shift = np.full(len(q), float(values.get("zero_rad", values.get("zero_m", 0.0))))
     if "other" in values:
-        zero[:, index] += float(values["ratio"]) * q[:, model.joint_index(values["other"])]
+        shift += float(values["ratio"]) * q[:, model.joint_index(values["other"])]
     if values.get("reversed", False):
-        zero[:, index] -= 2.0 * q[:, index]
-    zero[:, index] += float(values.get("zero_rad", values.get("zero_m", 0.0)))
-    return replace(model, zero=zero)
+        shift -= 2.0 * q[:, index]
+    return model.add_to_joint("zero", index, shift)

@@ -6,13 +6,12 @@ and loads, in the loaded state.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from compplan.effects.forward_model import (
     Attained,
@@ -24,7 +23,7 @@ from compplan.effects.forward_model import (
 )
 from compplan.measurement.campaign import Campaign
 from compplan.robot import Array, Robot, Spring
-from compplan.statics.chain import build_chain, load_elements, locate_frames, locate_gravity
+from compplan.statics.chain import build_chain, drive_columns, jacobian, load_elements, locate_frames, locate_gravity
 
 Place = tuple[str, str | None, str | None]
 AXES = ("tx", "ty", "tz", "rx", "ry", "rz")
@@ -41,8 +40,6 @@ class Linearization:
     scene: ForwardModel  #: The model.
     attained: Attained  #: Its solution.
     point: Array  #: Target in the base frame. Shape (n, 3). [m]
-    motion: Array  #: Motion of the target per motion of each commanded joint with its mimic joints. Shape (n, 6, nq).
-    spring_motion: Array  #: The same per deflection of the spring about the joint axis. Shape (n, 6, nq).
     #: Number in `axis`, `origin` and `load` of joint j's axis a: `elements[joint, "rx"]`; of the base: "base".
     elements: dict[tuple[str, str], int]
     axis: Array  #: Axes, base axes. Shape (n, e, 3).
@@ -60,6 +57,16 @@ class Linearization:
     def campaign(self) -> Campaign:
         """The rows of the model."""
         return self.scene.campaign
+
+    @cached_property
+    def motion(self) -> Array:
+        """Motion of the target per motion of each commanded joint with its mimic joints. Shape (n, 6, nq)."""
+        return drive_columns(self.attained.chain, self.attained.jacobian)
+
+    @cached_property
+    def spring_motion(self) -> Array:
+        """Motion of the target per deflection of the spring about each joint axis. Shape (n, 6, nq)."""
+        return np.asarray(self.attained.jacobian[:, :, self.attained.chain.joint_elements])
 
     def twist(self, joint: str, axis: str) -> Array:
         """Return the motion of the target per unit motion about or along an axis of a joint's child frame. (n, 6)"""
@@ -118,14 +125,14 @@ class Linearization:
     @cached_property
     def yielding(self) -> Array:
         """Motion of the target per load on each elastic coordinate: J C. Shape (n, 6, s)."""
-        moved = element_twists(self.attained, self.attained.chain.spring_elements, self.point)
-        return np.asarray(moved @ self.attained.chain.compliance)
+        chain = self.attained.chain
+        return np.asarray(self.attained.jacobian[:, :, chain.spring_elements] @ chain.compliance)
 
     @cached_property
     def spring_jacobian(self) -> Array:
         """Motion of the TCP per motion of each elastic coordinate. Shape (n, 6, s)."""
-        attained = self.attained
-        return element_twists(attained, attained.chain.spring_elements, attained.frames.tcp_position)
+        chain = self.attained.chain
+        return jacobian(chain, self.attained.frames)[:, :, chain.spring_elements]
 
     @cached_property
     def encoder_of_coordinate(self) -> Array:
@@ -166,8 +173,7 @@ def linearize_model(
     chain = build_chain(probed)
     coordinates = spring_coordinates(probed)
     theta = np.zeros((len(attained.q), chain.n_springs))
-    for old, new in _shared_coordinates(robot):
-        theta[:, new] = attained.theta[:, old]
+    theta[:, np.setdiff1d(np.arange(chain.n_springs), coordinates[len(robot.springs) :])] = attained.theta
     if model.growth.any():
         segment = np.searchsorted(chain.joint_elements, np.arange(len(chain.names)))
         chain = replace(chain, position=chain.position * (1.0 + model.growth)[:, segment, None])
@@ -185,13 +191,10 @@ def linearize_model(
         elements["base", name] = count + number
     n = len(attained.q)
     eye = np.broadcast_to(np.r_[np.eye(3), np.eye(3)], (n, 6, 3))
-    motion = element_twists(attained, attained.chain.joint_elements, attained.target)
     return Linearization(
         scene=model,
         attained=attained,
         point=attained.target,
-        motion=_with_mimics(attained, motion),
-        spring_motion=motion,
         elements=elements,
         axis=np.concatenate([axis, eye], axis=1),
         origin=np.concatenate([origin, np.zeros((n, 6, 3))], axis=1),
@@ -206,35 +209,3 @@ def unit_twist(axis: Array, origin: Array, point: Array, slides: bool) -> Array:
     if slides:
         return np.concatenate([axis, np.zeros_like(axis)], axis=1)
     return np.concatenate([np.cross(axis, point - origin), axis], axis=1)
-
-
-def element_twists(attained: Attained, elements: Sequence[int] | NDArray[np.int_], point: Array) -> Array:
-    """Return the motion of points, (n, 3) [m], per motion of elements of the loaded chain. Shape (n, 6, e)."""
-    chain, frames = attained.chain, attained.frames
-    columns = [unit_twist(frames.axis[:, k], frames.origin[:, k], point, bool(chain.translates[k])) for k in elements]
-    return np.stack(columns, axis=-1) if columns else np.zeros((len(point), 6, 0))
-
-
-def _with_mimics(attained: Attained, motion: Array) -> Array:
-    """Add the motion of mimic joints."""
-    chain = attained.chain
-    if (chain.q_index >= 0).sum() == chain.nq:
-        return motion
-    total = np.zeros_like(motion)
-    moving = np.flatnonzero(chain.q_index >= 0)
-    for k, twist in zip(moving, np.moveaxis(element_twists(attained, moving, attained.target), 2, 0), strict=True):
-        total[:, :, chain.q_index[k]] += chain.multiplier[k] * twist
-    return total
-
-
-def _shared_coordinates(robot: Robot) -> list[tuple[int, int]]:
-    """Match the elastic coordinates of a robot with those of the robot with probe springs."""
-    pairs, old, new = [], 0, 0
-    for joint in robot.joints:
-        for count, following in (
-            (sum(spring.joint == joint.name for spring in robot.springs), len(AXES)),
-            (6 * sum(block.link == joint.child for block in robot.link_elasticities), 0),
-        ):
-            pairs += [(old + k, new + k) for k in range(count)]
-            old, new = old + count, new + count + following
-    return pairs

@@ -37,7 +37,9 @@ def signatures(at: Linearization) -> Iterable[Signature]:
         if "time_constant_s" in fixed and fixed["time_constant_s"] not in LINK_BY_LINK:
             continue
         keys = tuple(f"segment_{key}#{k}" for k in range(arms.shape[1]))
-        yield Signature(name, None, None, f"links{label}", keys, np.full(len(keys), scale), twist, fixed=fixed)
+        yield Signature(
+            name, None, None, f"links{label}", keys, np.full(len(keys), scale), twist, fixed=fixed, positive=True
+        )
 
 
 def segments(at: Linearization) -> Array:

@@ -117,9 +117,7 @@ def error_at(effect: Effect, angle: Array) -> Array:
 def apply(model: ForwardModel, effect: Effect) -> ForwardModel:
     """Add the error between motor and link."""
     index = model.joint_index(effect.joint)
-    drive = model.drive.copy()
-    drive[:, index] += error_at(effect, np.nan_to_num(model.campaign.q[:, index]))
-    return replace(model, drive=drive)
+    return model.add_to_joint("drive", index, error_at(effect, np.nan_to_num(model.campaign.q[:, index])))
 
 
 def weigh_joints(chain: Chain, q: Array, robot: Robot) -> Array:

@@ -94,10 +94,9 @@ class Estimate:
         """Standard errors; zero for a parameter that is held. Shape (p,)."""
         return np.asarray(np.sqrt(np.diag(self.covariance)))
 
-    def intervals(self, level: float = 0.95) -> Array:
-        """Compute confidence intervals. Shape (p, 2)."""
-        tail = 0.5 + level / 2
-        reach = stdtrit(self.freedom, tail) * self.standard_errors
+    def intervals(self) -> Array:
+        """Compute 95 % confidence intervals. Shape (p, 2)."""
+        reach = stdtrit(self.freedom, 0.975) * self.standard_errors
         return np.column_stack([self.values - reach, self.values + reach])
 
 
@@ -164,17 +163,15 @@ def fit_rows(structure: FreeRobot, rows: Rows) -> Estimate:
     )
 
 
-def leave_poses_out(
-    rows: Rows, estimate: Estimate, free: NDArray[np.bool_] | None = None, system: System | None = None
-) -> HeldOutRows:
+def leave_poses_out(rows: Rows, estimate: Estimate, free: NDArray[np.bool_] | None = None) -> HeldOutRows:
     """Refit without each block of poses and predict that block; weights and noise of the estimate are held.
 
-    Parameters `free` (p,) and linearised problem `system` default to the estimate's. With the rows' reference
-    "difference", rows of a pose are compared with each other only.
+    Parameters `free` (p,) default to the estimate's. With the rows' reference "difference", rows of a pose are compared
+    with each other only.
     """
     return predict_left_out(
-        estimate.system if system is None else system, estimate.noise, estimate.weights,
-        estimate.free if free is None else free, group=rows.group, fold=rows.fold, pose=rows.pose,
+        estimate.system, estimate.noise, estimate.weights, estimate.free if free is None else free,
+        group=rows.group, fold=rows.fold, pose=rows.pose,
     )  # fmt: skip
 
 
@@ -221,7 +218,7 @@ def find_inseparable(information: Array, parameters: Sequence[Parameter]) -> NDA
 def explain_held(
     log: Campaign, state: RowState, information: Array, parameters: Sequence[Parameter], free: NDArray[np.bool_]
 ) -> tuple[Inseparable, ...]:
-    """List the held parameters, the parameters that each cannot be separated from, and the reason."""
+    """List the parameters held fixed, each with the reason and the parameters it cannot be separated from."""
     sizes = np.array([parameter.size for parameter in parameters])
     found = []
     for k, mates in find_similar(information, sizes, free):

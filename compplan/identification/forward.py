@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from compplan.effects import EFFECTS, apply_effects, build_model, solve_model_poses
 from compplan.effects.forward_model import Attained, ForwardModel, own_springs
-from compplan.effects.linearization import Linearization, element_twists, linearize_model
+from compplan.effects.linearization import Linearization, linearize_model
 from compplan.identification.parameters import TYPICAL_SIZE, FreeRobot, Parameter
 from compplan.measurement.fit.least_squares import ENCODERS, ORIENTATION, POSITION, System, observe_rows
 from compplan.measurement.fit.rows import SIGMA_ENCODER, Rows
@@ -112,7 +112,7 @@ def differentiate(rows: Rows, state: RowState) -> tuple[Array, Array]:
     pose = np.zeros((n, 6, len(structure.parameters)))
     encoder = np.zeros((n, structure.robot.nq, len(structure.parameters)))
     chain, springs = state.attained.chain, own_springs(state.scene.robot)
-    motion = element_twists(state.attained, state.attained.chain.spring_elements, state.attained.target)[state.index]
+    motion = state.attained.jacobian[state.index][:, :, chain.spring_elements]
     # actuators controlled by their link-side encoder do not deflect
     motion = motion * ~(state.link_side[:, None] & chain.actuator)[:, None, :]
     measured = {spring.coordinate: spring for spring in springs.values() if spring.actuator}

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from compplan.identification.estimate import Estimate, estimate_parameters
@@ -29,49 +27,30 @@ class ReducedModel:
     deflection: Array  #: Deflection of the full model at the same rows. Shape (n, 6). [m, rad]
 
 
-def reduce_model(
-    full: Robot,
-    q: Array,
-    wrench: Array,
-    *,
-    rotation_weight: float | None = 1.0,
-    row_weights: ArrayLike = 1.0,
-    typical: Sequence[float] | None = None,
-) -> ReducedModel:
+def reduce_model(full: Robot, q: Array, wrench: Array, *, rotation_weight: float | None = 1.0) -> ReducedModel:
     """Fit joint compliances that approximate a full model (joints, links, base) [Mamedov2018].
 
-    Minimises sum_i w_i^2 (|dp_i|^2 + (rotation_weight)^2 |dr_i|^2) between the exact loaded poses of both models.
+    Minimises sum_i (|dp_i|^2 + (rotation_weight)^2 |dr_i|^2) between the exact loaded poses of both models, from the
+    compliances of the full robot's springs about joint axes on.
 
     Args:
         full: The full robot.
         q: Poses at which both are compared. Shape (n, nq). [rad or m]
         wrench: Wrench of the environment on the tool at the TCP, base axes. Shape (n, 6) or (6,). [N, N m]
         rotation_weight: Weight of a rotation against a translation; None compares positions alone. [m/rad]
-        row_weights: Weight of each row. Scalar or shape (n,).
-        typical: Initial compliances; by default those of the full robot's springs about joint axes. Shape (nq,).
 
     Raises:
         InputError: If no joint compliance can be identified from these poses and loads.
         ShapeError: If an array does not have the shape above.
     """
     joint_compliance = {spring.joint: spring.compliance for spring in full.springs if spring.axis == "own"}
-    start = [joint_compliance.get(name, 1e-6) for name in full.joint_names] if typical is None else list(typical)
-    springs = tuple(
-        Spring(name, "own", float(c), actuator=True) for name, c in zip(full.joint_names, start, strict=True)
-    )
+    springs = tuple(Spring(name, "own", joint_compliance.get(name, 1e-6), actuator=True) for name in full.joint_names)
     reduced = replace(full, springs=springs, link_elasticities=(), effects=())
     chain = build_chain(full)
     loaded, bare = solve_equilibrium(chain, q, wrench), solve_equilibrium(chain, q, np.zeros(6))
     # Unit micrometre: only the ratio of the weights matters; the motion by unloaded springs is far smaller.
-    sigma = 1e-6 / np.broadcast_to(np.asarray(row_weights, float), (len(loaded.position),))
-    log = make_log(
-        q,
-        wrench,
-        loaded.position,
-        None if rotation_weight is None else loaded.rotation,
-        sigma=sigma,
-        sigma_rotation=sigma / (rotation_weight or 1.0),
-    )
+    rotation = None if rotation_weight is None else loaded.rotation
+    log = make_log(q, wrench, loaded.position, rotation, sigma=1e-6, sigma_rotation=1e-6 / (rotation_weight or 1.0))
     estimate = estimate_parameters(build_structure(reduced), log, sigma="stated")
     compliance = np.where(estimate.free, estimate.model_values, 0.0)
     fitted = tuple(replace(s, compliance=float(max(c, 0.0))) for s, c in zip(springs, compliance, strict=True))

@@ -81,10 +81,10 @@ class Shown:
             f'<td style="text-align:left">{html.escape(words)}</td></tr>'
             for name, words in rest
         )
-        picture = draw_png(self.curves())
-        image = "" if picture is None else (
+        curves = self.curves()
+        image = "" if curves is None else (
             f'<img alt="{html.escape(f"{what}: {headline}")}" style="max-width:100%" '
-            f'src="data:image/png;base64,{base64.b64encode(picture).decode()}">'
+            f'src="data:image/png;base64,{base64.b64encode(draw_png(curves)).decode()}">'
         )  # fmt: skip
         return f"<div><p><b>{html.escape(what)}</b>: {html.escape(headline)}</p><table>{rows}</table>{image}</div>"
 
@@ -122,11 +122,11 @@ class Shown:
             The axes, to change or to save (`axes.figure.savefig("plan.png")`).
 
         Raises:
-            InputError: If the result has no picture.
+            InputError: If the result cannot be plotted.
         """
         curves = self.curves()
         if curves is None:
-            raise InputError(f"a {type(self).__name__} has no picture; print it, or to_dict()")
+            raise InputError(f"a {type(self).__name__} cannot be plotted; print it, or use to_dict()")
         if axes is None:
             import matplotlib.pyplot as plt
 
@@ -163,7 +163,7 @@ def draw_curves(curves: Curves, axes: Axes) -> Axes:
         axes.axhline(curves.level[0], color=colour, linestyle=MATPLOTLIB_DASHES[dash], label=curves.level[1])
     if curves.logarithmic:
         axes.set_yscale("log")
-    elif not curves.square:
+    elif not curves.square and all(np.nanmin(curve.y) >= 0.0 for curve in curves.lines):
         axes.set_ylim(bottom=-0.03 * axes.get_ylim()[1])  # separates a curve at zero from the axis
     if curves.square:
         axes.set_aspect("equal", adjustable="datalim")
@@ -180,10 +180,8 @@ def pick_style(role: str | int) -> tuple[str, str]:
     return CATEGORIES[role % len(CATEGORIES)], DASHES[role // len(CATEGORIES) % len(DASHES)]
 
 
-def draw_png(curves: Curves | None) -> bytes | None:
-    """Draw curves as a PNG without changing open figures; None without curves."""
-    if curves is None:
-        return None
+def draw_png(curves: Curves) -> bytes:
+    """Draw curves as a PNG without changing open figures."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 

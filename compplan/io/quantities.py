@@ -28,6 +28,11 @@ def format_number(value: float, digits: int = 3) -> str:
     return text.replace("-", "−")
 
 
+def shorten(value: float) -> float:
+    """Round a number to the six significant digits that result files hold."""
+    return float(f"{value:.6g}")
+
+
 def format_set_value(value: float) -> str:
     """Format an input value, such as a tolerance, as short as it was given."""
     return f"{value:.6g}".replace("-", "−")

@@ -162,7 +162,7 @@ def _check_parent(path: Path) -> None:
     if there.is_file() and there != path:
         raise InputError(f"cannot be written: {there} is a file", file=path)
     if there.is_dir() and not os.access(there, os.W_OK | os.X_OK):
-        raise InputError(f"cannot be written: folder {there} no permission to write", file=path)
+        raise InputError(f"cannot be written: no permission to write into {there}", file=path)
 
 
 def _refuse_foreign(names: Iterable[str], place: Path, shown: Path) -> None:

@@ -23,10 +23,9 @@ from compplan.measurement.observations import Observations
 from compplan.measurement.pose_selection import (
     exchange_choice,
     learn_rows,
-    measure_gains,
+    narrow_target,
     offer_once,
     take_greedily,
-    weight_rows,
 )
 from compplan.planning.posture.clearance import measure_margin
 from compplan.planning.posture.collision_scene import CollisionScene
@@ -142,11 +141,7 @@ def choose_measurements(design: Design, candidates: Candidates, count: int, star
     before = design.start if start is None else start
     rows = design.rows(candidates.slopes, candidates.tip, candidates.rotation, candidates.observations)
     first = locating_rows(candidates)
-    weight = design.target.T @ design.target
-    worth = weight_rows(
-        lambda mean, covariance, rows: measure_gains(covariance, rows, weight, design.noise),
-        learn_rows(before, rows[first], design.noise), rows, design.noise,
-    )  # fmt: skip
+    worth = narrow_target(design.target, learn_rows(before, rows[first], design.noise), rows, design.noise)
     posture = np.unique(candidates.q, axis=0, return_inverse=True)[1].reshape(-1)
     worth = offer_once(worth, posture)  # a diagnosis validates itself on postures that it leaves out
     chosen = exchange_choice(worth, take_greedily(worth, count - len(first)))

@@ -38,7 +38,6 @@ from compplan.toolpath.contact import turn_about_axis
 from compplan.toolpath.toolpath import Toolpath, interpolate
 from compplan.uncertainty.assumed import robot_uncertainty
 from compplan.uncertainty.band import PATHS, SEED, Slopes, draw_columns, linearise_path, widen_to_path
-from compplan.uncertainty.motion import read_placement
 from compplan.uncertainty.sensitivities import (
     ForceSpread,
     apply_wrench_to_model,
@@ -48,7 +47,7 @@ from compplan.uncertainty.sensitivities import (
     tip_of,
     vary_model,
 )
-from compplan.uncertainty.touch_off import TouchedPart, build_touch_model, is_lasting
+from compplan.uncertainty.touch_off import TouchedPart, build_touch_model, is_lasting, read_placement
 
 #: Greatest number of places along the path of a residual.
 MOST_PLACES = 5000

@@ -24,8 +24,8 @@ from compplan.robot import Array, Robot
 from compplan.robot.pose import rigid_columns
 from compplan.robot.uncertainty import Uncertainty
 from compplan.uncertainty.band import Slopes
-from compplan.uncertainty.motion import read_placement, shift_part
 from compplan.uncertainty.sensitivities import ForceSpread
+from compplan.uncertainty.touch_off import spread_placement
 
 #: Prior standard deviation per axis of the placement of a best-fitted part: practically unknown. [m]
 FITTED = 0.01
@@ -69,7 +69,7 @@ def choose_transfer(model: UpdateModel, gathered: Gathered, *, learned: bool = F
     names = ("without", "with the force", "with both")
     errors = ", ".join(f"{1e3 * value:.3g} mm {name}" for value, name in zip(rms, names, strict=True))
     chosen = "force and robot" if robot and pushes else "the robot" if robot else "the force" if force else "nothing"
-    reason = f"also serves other paths: {chosen} (rms deviation on left-out stretches of this part: {errors})"
+    reason = f"Learned for other paths too: {chosen} (rms deviation on left-out stretches of this part: {errors})"
     return Transfer(force or (robot and pushes), robot, reason, (float(rms[0]), float(rms[1]), float(rms[2])))
 
 
@@ -80,15 +80,16 @@ def build_part_terms(
 
     noise: [noise] of the job; origin: of the part frame, (3,) [m]; fitted: whether a best fit moved the measured part.
     """
-    placed, tip = read_placement(noise), slopes.tip
+    tip, none = slopes.tip, np.zeros((len(slopes.tip), 3, 0))
     ratio = spread.scatter / spread.common if spread.common > 0.0 else 0.0
     force = ratio * slopes.shared[:, :, :1]
-    moved = clamped = np.zeros((len(tip), 3, 0)) if placed is None else shift_part(tip, origin, placed)
+    placed = spread_placement(noise, slopes.touched, tip, origin)
+    moved = clamped = none if placed is None else placed
     if fitted:
         free = FITTED, FITTED / max(float(np.ptp(tip, axis=0).max()), 1e-3)
         moved = rigid_columns(tip, tip.mean(axis=0)) * np.repeat(free, 3)
     warm = noise.temperature_K * EXPANSION if "temperature_K" in noise.model_fields_set else 0.0
-    heat = warm * tip[:, :, None] if warm > 0.0 else np.zeros((len(tip), 3, 0))
+    heat = warm * tip[:, :, None] if warm > 0.0 else none
     part, following = (np.concatenate([force, place, heat], axis=2) for place in (moved, clamped))
     return PartTerms(part, following, ratio)
 

@@ -112,9 +112,17 @@ class Campaign(Shown):
 
     @cached_property
     def run_index(self) -> NDArray[np.int_]:
-        """Return the number of the run of each row, in order of appearance. Shape (n,)."""
-        starts = np.r_[True, self.run[1:] != self.run[:-1]]
-        return np.cumsum(starts) - 1
+        """Return the number of the run of each row, in order of appearance. Shape (n,).
+
+        Rows of one run were taken without a break, so runs at rest whose rows alternate (as where the label tells the
+        load of each pose) count as one.
+        """
+        _, label = np.unique(self.run, return_inverse=True)
+        last = np.zeros(label.max(initial=-1) + 1, int)
+        last[label] = np.arange(len(label))  # of repeated indices, numpy keeps the last
+        ended = np.maximum.accumulate(last[label])[:-1] < np.arange(1, len(label))
+        starts = (np.diff(label) != 0) & (ended | self.on_path[1:] | self.on_path[:-1])
+        return np.cumsum(np.r_[False, starts])[: len(label)]
 
     @cached_property
     def on_path(self) -> NDArray[np.bool_]:

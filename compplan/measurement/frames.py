@@ -14,6 +14,7 @@ from compplan.measurement.campaign import Campaign
 from compplan.measurement.observations import Observations, along
 from compplan.measurement.registration import CONTACTS, PARTS, Registration
 from compplan.robot import Array
+from compplan.robot.pose import rigid_columns
 
 #: Degrees of freedom of a frame: translations and rotations.
 TURNS: tuple[str, ...] = ("tx", "ty", "tz", "rx", "ry", "rz")
@@ -40,9 +41,7 @@ def frame_columns(
     if "base" in frames.parts:
         base = np.zeros((n, 6, 6))
         base[:] = np.eye(6)
-        lever = position - frames.base[:3, 3]
-        for axis, unit in enumerate(np.eye(3)):
-            base[:, :3, 3 + axis] = np.cross(unit, lever)
+        base[:, :3] = rigid_columns(position, frames.base[:3, 3])
         if observations is not None:
             base[observations.observed] = 0.0
         parts.append(base)

@@ -20,8 +20,6 @@ Gains = Callable[[list[int]], Array]
 BETTER = 1e-9
 #: Greatest number of exchange rounds (assumed: most selections converge in two).
 ROUNDS = 3
-#: Gain of each measurement, (m,), given mean (P,) and covariance (P, P) of the state, and rows (m, c, P).
-Gain = Callable[[Array, Array, Array], Array]
 
 
 def grow_choice(worth: Gains, count: int) -> Iterator[tuple[int, float]]:
@@ -68,14 +66,14 @@ def exchange_taken(worth: Gains, taken: Sequence[int]) -> list[int]:
     return taken
 
 
-def weight_rows(gain: Gain, covariance: Array, rows: Array, noise: float, mean: Array | None = None) -> Gains:
-    """Return the gain of every measurement as a function of those selected.
+def narrow_target(target: Array, covariance: Array, rows: Array, noise: float) -> Gains:
+    """Return the reduction of the variance of a target by every measurement, as a function of those selected.
 
-    covariance: prior, (P, P); mean: prior, (P,), zero if left out; rows: derivatives of each measurement, (m, c, P);
-    noise: variance of each component.
+    target: derivatives by the state, (t, P); covariance: prior, (P, P); rows: derivatives of each measurement,
+    (m, c, P); noise: variance of each component.
     """
-    before = np.zeros(len(covariance)) if mean is None else mean
-    return lambda taken: gain(*explain_rows(before, covariance, rows[taken], noise), rows)
+    weight = target.T @ target
+    return lambda taken: measure_gains(learn_rows(covariance, rows[taken], noise), rows, weight, noise)
 
 
 def learn_rows(covariance: Array, rows: Array, noise: float) -> Array:

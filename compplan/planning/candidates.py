@@ -8,6 +8,7 @@ arm vibrates most (`compplan.planning.measured_runs`), and must not take longer.
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -29,7 +30,7 @@ from compplan.planning.motion_limits import difference_motion
 from compplan.planning.posture.choose import choose_posture_path
 from compplan.planning.posture.start import build_start, find_plain
 from compplan.planning.posture.summary import PostureSummary, Start
-from compplan.planning.redundancy import CostWeights, OptimisationFigures, PathRequest, shape_start
+from compplan.planning.redundancy import CostWeights, PathRequest, shape_start
 from compplan.planning.task import PlanTask
 from compplan.planning.timing import parameter_steps
 
@@ -84,17 +85,14 @@ def better_start(start: Start, request: PathRequest, *, shape: bool = True) -> S
         groups = [own] if np.allclose(default.q, start.q, atol=SAME_POSTURE) else [*groups, own]
     plain = find_plain(request.problem, start) if len(task) <= LONGEST else None
     if plain is not None and not plain.missed.any() and not np.allclose(plain.q, start.q, atol=SAME_POSTURE):
-        groups[-1][0].extend(run._replace(origin="programmed") for run in measure_runs(plain, request))
-
+        groups[-1][0].extend(measure_runs(replace(plain, program={"start": "programmed"}), request))
     candidates = [base for _, base in groups]
     for runs, base in groups:
         for origin in tuple(runs):
             of_origin = request.state(origin.start)
             shaped = shape_start(of_origin, origin.start, request, COST_WEIGHTS[preset],
                                  reference_run(base, origin, of_origin))  # fmt: skip
-            if shaped is not None:
-                found = measure_runs(shaped[0], request)
-                runs += [run._replace(origin=origin.origin, shaped=shaped[1]) for run in found]
+            runs += [] if shaped is None else measure_runs(shaped, request)
         bands = [band_at_time(run, base) for run in runs]  # of equal ones, the nearest to the posture of the search
         alike = (run for run, band in zip(runs, bands, strict=True) if band <= (1.0 + LEAST_GAIN) * min(bands))
         best = runs if preset == "fast" else [next(alike)]
@@ -166,9 +164,8 @@ def _take(start: Start, first: TimedStart, run: TimedStart, least: float) -> Sta
     """Return the start of the chosen run, with its figures and a note on its gain over the first."""
     posture_choice, chosen, slowdown = start.posture_choice, run.start.posture_choice, run.start.slowdown
     assert posture_choice is not None and chosen is not None
-    shaped = run.shaped or OptimisationFigures(0, ())
-    program = {
-        "free": list(shaped.names), "start": run.origin, "steps": shaped.iterations,
+    program: dict[str, Any] = {
+        "free": [], "start": "search", "steps": 0, **(run.start.program or {}),
         "time_s": {"graph": first.time, "program": run.time},
         "band_p95_max_mm": {"graph": 1e3 * first.band, "program": 1e3 * run.band},
         "least_time_s": least,
@@ -178,13 +175,10 @@ def _take(start: Start, first: TimedStart, run: TimedStart, least: float) -> Sta
     if compared:
         compared["program"] = costs[cost]
     chosen = replace(chosen, settings=posture_choice.settings, costs=costs, compared=compared, compared_by=cost)
-    programmed_axis = run.start.programmed_axis
-    nominal = run.start.nominal if programmed_axis is None else replace(run.start.nominal, axis=programmed_axis)
-    built = build_start(chosen, nominal, start.settings)
     most = 1.0 if slowdown is None else float(slowdown.slower.max(initial=1.0))
     eased = "" if most == 1.0 else f"; the run is up to {most:.3g} times slower where the arm would ring most"
-    how = f"of one program ({', '.join(shaped.names)} free)" if shaped.iterations else "chosen together"
+    how = f"of one program ({', '.join(program['free'])} free)" if program["steps"] else "chosen together"
     note = (f"Posture and speed are {how}: run {first.time:.4g} -> {run.time:.4g} s (the programmed feed takes "
             f"{least:.4g} s), widest 95 % band {1e3 * first.band:.3g} -> {1e3 * run.band:.3g} mm, before correction"
             f"{eased}.")  # fmt: skip
-    return replace(built, program=program, offset=run.start.offset, slowdown=slowdown, notes=(*built.notes, note))
+    return replace(run.start, posture_choice=chosen, program=program, notes=(*run.start.notes, note))

@@ -89,11 +89,6 @@ def state_notes(notes: Iterable[str]) -> tuple[Check, ...]:
     return tuple(Check("note", np.nan, 0.0, text, NOTE) for text in notes)
 
 
-def state_breaches(sentences: Iterable[str], name: str) -> tuple[Check, ...]:
-    """Return sentences as failed checks without a figure that prevent confirmation of a plan."""
-    return tuple(Check(name, np.nan, 0.0, text) for text in sentences)
-
-
 @dataclass(frozen=True)
 class CheckRobot:
     """Robot of the independent check."""

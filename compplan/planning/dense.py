@@ -32,6 +32,7 @@ from compplan.planning.task import (
 )
 from compplan.robot import Array
 from compplan.statics.stiffness import attain_pose
+from compplan.toolpath.corners import find_corners
 from compplan.toolpath.toolpath import interpolate, select_even
 
 LOG = logging.getLogger(__name__)
@@ -80,12 +81,13 @@ def solve_path(task: PlanTask, near: Array | None = None) -> PathSolution:
     stations, released, lost = pick_stations(task, most), task.missed.copy(), np.flatnonzero(task.missed)
     q, missed = correct_pose(task, task.q_start if near is None else near, lost)
     leaving = _find_leaving(task, q, missed, lost)
-    stations = np.union1d(np.setdiff1d(stations, lost), np.r_[leaving, select_even(lost, STATIONS)])
-    q[leaving], missed[leaving] = np.clip(task.q_start[leaving], task.robot.lower, task.robot.upper), np.inf
-    if released.any() or (len(leaving) and not task.redundant):  # Newton steps found the only solution
-        released[stations] = True
+    stations = np.union1d(np.setdiff1d(stations, lost), select_even(lost, STATIONS))
     solves, iterations, cpu, memory = 0, 0, 0.0, bool(task.robot.effects)
-    for last in range(1, SOLVES + 1):
+    while solves < SOLVES:
+        stations = np.union1d(stations, leaving)
+        q[leaving], missed[leaving] = np.clip(task.q_start[leaving], task.robot.lower, task.robot.upper), np.inf
+        if released.any() or (len(leaving) and not task.redundant):  # Newton steps found the only solution
+            released[stations] = True
         solution = solve_problem(state_problem(task, stations, q, released))
         solves, iterations, cpu = solves + 1, iterations + solution.iterations, cpu + solution.cpu
         if not solution.success and not released[stations].all():
@@ -93,11 +95,9 @@ def solve_path(task: PlanTask, near: Array | None = None) -> PathSolution:
             released[stations] = True
             continue
         q, missed = fill_waypoints(task, solution, q)
-        if len(leaving := _find_leaving(task, q, missed, np.union1d(stations, lost))) and last < SOLVES:
-            stations = np.union1d(stations, leaving)
-            q[leaving], missed[leaving] = np.clip(task.q_start[leaving], task.robot.lower, task.robot.upper), np.inf
-            released[stations] = not task.redundant or released.any()
-        elif not memory or np.abs(q[stations] - solution.q).max(initial=0.0) < EQUAL_MEMORY:
+        leaving = _find_leaving(task, q, missed, np.union1d(stations, lost))
+        settled = not memory or np.abs(q[stations] - solution.q).max(initial=0.0) < EQUAL_MEMORY
+        if settled and not len(leaving):
             break
     return PathSolution(q, missed, solution, solves, iterations, cpu, explain_conflict(solution))
 
@@ -159,9 +159,7 @@ def pick_stations(task: PlanTask, most: int) -> NDArray[np.int_]:
     rows = np.flatnonzero(task.compensated)
     if len(rows) <= most:
         return rows
-    travel = np.diff(task.position[rows], axis=0)
-    ways = travel / np.maximum(np.linalg.norm(travel, axis=1), 1e-12)[:, None]
-    bends = np.r_[0.0, np.arccos(np.clip((ways[1:] * ways[:-1]).sum(axis=1), -1.0, 1.0))]
+    bends = find_corners(task.nominal)[1][rows[:-1]]
     jumps = np.linalg.norm(np.diff(task.wrench[rows, :3], axis=0), axis=1)
     share = [each / total for each in (bends, jumps) if (total := each.sum()) > 1e-9]
     density = np.r_[0.0, np.cumsum(2.0 / (len(rows) - 1) + sum(share, np.zeros(len(rows) - 1)))]

@@ -19,7 +19,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.effects.backlash import find_crossings
-from compplan.errors import UnknownNameError
 from compplan.job.output import OutputTable
 from compplan.planning.executed import ExecutedPath, evaluate_executed
 from compplan.planning.feed import time_run
@@ -34,7 +33,7 @@ from compplan.planning.sampling import (
     predict_loads,
     required_pieces,
 )
-from compplan.planning.strategies import STRATEGIES, command_path, nlp
+from compplan.planning.strategies import command_path, nlp
 from compplan.planning.task import Command, PlanTask, attain_rows
 from compplan.planning.timing import Timing, find_slowdown, state_timing, time_between_cuts, time_ends
 from compplan.robot import Array
@@ -81,8 +80,6 @@ def compensate(
     Raises:
         UnknownNameError: If there is no such offline strategy.
     """
-    if strategy not in STRATEGIES:
-        raise UnknownNameError("strategy", strategy, list(STRATEGIES))
     progress("sampling")
     if task.missed.any() or not task.chain.n_springs or not task.robot.bodies:
         task = replace(task, inertia=False)
@@ -117,7 +114,7 @@ def _iterate_loads(
         if coupled:
             progress(f"force and feed, turn {turn}")
         if command is None:
-            command = nlp.approach_path(task) if strategy == "nlp" else command_path(task, strategy)
+            command = nlp.approach_path(task) if strategy == "nlp" else command_path(task, strategy, online=False)
         excess, change = 0.0, 0.0
         run = run or time_run(task, task.q_start if coupled else command.q, slow)
         driven, timing, notes = run
@@ -145,8 +142,10 @@ def _iterate_loads(
             divisions, run, turn = divisions + 1, None, 0
             continue
         if strategy == "nlp" and (coupled or not command.nlp):
-            progress("compensation: nonlinear program")
-            found = _solve_program(found)
+            progress("compensation: nonlinear program")  # for the loads at the fixed point
+            command = nlp.command_path(driven, command)
+            timing = state_timing(driven, command.q, time_between_cuts(driven, command.q, timing.time))
+            found = replace(found, command=command, timing=timing, between=measure_between(driven, command.q))
         return replace(found, executed=evaluate_executed(found.task, found.command.q, found.timing.time, output))
 
 
@@ -173,14 +172,6 @@ def _divide(
         return finer, slow, None
     q = finer.q_start + interpolate(at, np.arange(len(before)), command.links - task.q_start)
     return finer, slow, nlp.correct_command(finer, Command(np.clip(q, task.robot.lower, task.robot.upper)))
-
-
-def _solve_program(found: Compensation) -> Compensation:
-    """Solve the nonlinear program for the loads at the fixed point."""
-    task = found.task
-    command = nlp.command_path(task, found.command)
-    timing = state_timing(task, command.q, time_between_cuts(task, command.q, found.timing.time))
-    return replace(found, command=command, timing=timing, between=measure_between(task, command.q))
 
 
 def _moving_feed(task: PlanTask, timing: Timing) -> Array:

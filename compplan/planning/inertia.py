@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.planning.task import PlanTask
+from compplan.planning.task import SMOOTHING, PlanTask
 from compplan.robot import Array, Robot
 from compplan.simulation.vibration import Dynamics, build_dynamics, natural_frequencies
 from compplan.statics.chain import Chain
@@ -76,12 +76,12 @@ def follow_links(task: PlanTask, q: Array) -> Array:
     return links
 
 
-def choose_smoothing(robot: Robot, q: Array, default: float) -> float:
+def choose_smoothing(robot: Robot, q: Array) -> float:
     """Return the smoothing time of the motion: a period of the lowest natural frequency, which is then not excited.
 
-    q: some postures along the path, shape (k, nq); default: time for unknown frequencies. [s]
+    q: some postures along the path, shape (k, nq). Without a known frequency it is `SMOOTHING`. [s]
     """
     lowest = natural_frequencies(build_dynamics(robot), q, 1)
     if not np.isfinite(lowest).all():
-        return default
+        return SMOOTHING
     return float(np.clip(1.0 / lowest.min(), SHORTEST, LONGEST))

@@ -20,7 +20,7 @@ from compplan.planning.feed import time_run
 from compplan.planning.fixed_point import resolve_starts
 from compplan.planning.inertia import measure_motion
 from compplan.planning.posture.summary import Slowdown, Start
-from compplan.planning.redundancy import OptimisationFigures, PathRequest, ReferenceRun
+from compplan.planning.redundancy import PathRequest, ReferenceRun
 from compplan.planning.task import PlanTask
 from compplan.planning.timing import INERTIA_WINDOWS, time_rapids
 from compplan.robot import Array
@@ -60,8 +60,6 @@ class TimedStart(NamedTuple):
     static_covariance: Array  #: Covariance of the tip at rows of the cut, without vibration. Shape (k, 3, 3). [m^2]
     task: PlanTask  #: Task with the default windows.
     passing: Array  #: Time at each waypoint of the task. Shape (n,). [s]
-    origin: str = "search"  #: Origin of the posture: "search" or "programmed".
-    shaped: OptimisationFigures | None = None  #: Result of the program, None without one.
 
 
 def measure_runs(
@@ -161,8 +159,7 @@ def ease_run(preset: str, run: TimedStart, base: TimedStart, request: PathReques
     if reference is not None and late < 1.0:
         windows = [1.0 - (1.0 - SHORT) * late, SHORT]
     for window in windows:
-        eased = measure_runs(run.start, request, window=window, reference=reference, known=run)
-        runs += [each._replace(origin=run.origin, shaped=run.shaped) for each in eased]
+        runs += measure_runs(run.start, request, window=window, reference=reference, known=run)
     return choose_run(preset, runs, base)
 
 

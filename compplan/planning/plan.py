@@ -19,10 +19,7 @@ from compplan.job.output import OutputTable
 from compplan.planning.approach import plan_approach, plan_retract
 from compplan.planning.candidates import better_start
 from compplan.planning.checks import build_check_robot, find_failures, run_checks, state_notes
-from compplan.planning.evaluate import (
-    evaluate_model,
-    evaluate_run,
-)
+from compplan.planning.evaluate import evaluate_model, evaluate_run
 from compplan.planning.fixed_point import compensate
 from compplan.planning.inertia import choose_smoothing, follow_links, measure_motion
 from compplan.planning.notes import list_notes
@@ -33,7 +30,7 @@ from compplan.planning.redundancy import PathRequest
 from compplan.planning.result import Plan
 from compplan.planning.sampling import find_contacts, predict_loads, prepare_sampling, programmed_times
 from compplan.planning.stability import explain_buckling
-from compplan.planning.task import SMOOTHING, PlanTask, count_equations
+from compplan.planning.task import PlanTask, count_equations
 from compplan.process.force_law import ForceLaw
 from compplan.robot import Array, Robot, load_robot
 from compplan.simulation.vibration import build_dynamics
@@ -194,7 +191,7 @@ def _state_task(robot: Robot, chain: Chain, options: PlanOptions, start: Start) 
     nominal = start.nominal
     compensated = ~nominal.rapid
     compensated[find_contacts(nominal.rapid)] = True
-    few = select_even(start.q, 5)
+    window = 1.0 if start.slowdown is None else start.slowdown.window
     task = PlanTask(
         robot=robot, chain=chain, nominal=nominal, rotation=start.rotation, wrench=np.zeros((len(nominal), 6)),
         compensated=compensated, q_start=start.q, configuration=start.configuration, missed=start.missed,
@@ -203,7 +200,7 @@ def _state_task(robot: Robot, chain: Chain, options: PlanOptions, start: Start) 
         max_correction=options.max_correction, tolerance=options.tolerance, spin_free=options.spin_free, start=start,
         law=options.law, inertia=options.inertia, constant_feed=options.constant_feed,
         torque_limits=options.torque_limits,
-        smoothing=choose_smoothing(robot, few, SMOOTHING) * (1.0 if start.slowdown is None else start.slowdown.window),
+        smoothing=window * choose_smoothing(robot, select_even(start.q, 5)),
         chord=0.1 * options.tolerance if options.chord is None else options.chord,
         touched=None if options.touch is None else touch_part(robot, nominal, start.rotation, start.q, options.touch),
     )  # fmt: skip

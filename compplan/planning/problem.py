@@ -137,11 +137,11 @@ class Term:
     """Base class of limits and costs."""
 
     name: ClassVar[str]  #: Name in plan.json.
-    formula: ClassVar[str]  #: Formula as text.
+    formula: ClassVar[str]  #: Formula as text; fields in braces.
     timed: ClassVar[bool] = False  #: Whether the term depends on the speed along the path.
 
     def __str__(self) -> str:
-        return self.formula
+        return self.formula.format_map(vars(self))
 
     @property
     def numbers(self) -> Array | None:

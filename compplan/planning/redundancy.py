@@ -39,6 +39,7 @@ from compplan.statics.chain import locate_frames
 from compplan.statics.ik import CLOSE, reach_pose
 from compplan.statics.stiffness import attain_pose
 from compplan.toolpath.contact import path_axes, turn_about_axis
+from compplan.toolpath.corners import find_corners
 from compplan.toolpath.toolpath import divide_toolpath, interpolate
 from compplan.uncertainty.sensitivities import ForceSpread
 
@@ -72,18 +73,11 @@ class ReferenceRun(NamedTuple):
     passing: Array
 
 
-class OptimisationFigures(NamedTuple):
-    """Figures of the optimisation of a start."""
-
-    iterations: int  #: Iterations of the solver.
-    names: tuple[str, ...]  #: Free coordinates.
-
-
 class FreeCoordinates(NamedTuple):
     """Free coordinates at the stations of a task."""
 
     rows: NDArray[np.int_]  #: Waypoints that are stations. Shape (k,).
-    names: tuple[str, ...]  #: "spin", "lead", "lean", names of extra axes, and "ahead", "left", "up" of a tube.
+    names: tuple[str, ...]  #: "spin", "lead", "lean", names of extra axes, and "left", "up" of a tube.
     frame: Array  #: Axes of the path at the stations, as columns. Shape (k, 3, 3).
     room: Array  #: Allowed error of each row of the pose. Shape (k, 5). [m, rad]
 
@@ -112,11 +106,14 @@ def find_free(task: PlanTask, posture_choice: PostureSummary, request: PathReque
     leans = {"lead": settings.lead, "lean": settings.lean}
     names = [*(["spin"] if settings.free_spin else []), *(name for name, most in leans.items() if most > 0.0)]
     rows = _pick_rows(task, FEW_IN_TUBE if request.tube > 0.0 else FEW)
-    tube = _allow_tube(task, rows, request.tube)
-    names += [*(task.robot.joint_names[j] for j in arm.held), *(name for name, size in tube.items() if size.any())]
+    inside = task.cut.copy()  # no offset at rest
+    inside[[end for run in task.runs for end in run]] = False
+    across = request.tube * task.tolerance / np.sqrt(2.0) * inside[rows]  # equal shares of the square for both sides
+    names += [*(task.robot.joint_names[j] for j in arm.held), *(("left", "up") if across.any() else ())]
     if not names or len(arm.arm) != 6 or len(rows) < 3 or not settings.free_spin:
         return None
-    room = np.column_stack([*tube.values(), *(np.full(len(rows), np.sin(most)) for most in leans.values())])
+    room = np.column_stack([0.0 * across, across, across,
+                            *(np.full(len(rows), np.sin(most)) for most in leans.values())])  # fmt: skip
     return FreeCoordinates(rows, tuple(names), path_axes(divide_toolpath(nominal, task.origin[rows])), room)
 
 
@@ -171,7 +168,7 @@ def state_problem(
 
 def shape_start(
     task: PlanTask, start: Start, request: PathRequest, weights: CostWeights, reference: ReferenceRun
-) -> tuple[Start, OptimisationFigures] | None:
+) -> Start | None:
     """Solve the program of posture and speed from the start of a task; None if nothing is free or feasible."""
     posture_choice, settings = start.posture_choice, start.settings
     if posture_choice is None or task.missed.any():
@@ -199,7 +196,8 @@ def shape_start(
         while share > LEAST_SHARE and not _keeps_clear(scene, clear + share * (solution.q - clear), settings.clearance):
             share *= 0.5
         clear = clear + share * (solution.q - clear)
-    return None if found is None else (found, OptimisationFigures(iterations, free.names))
+    facts = {**(start.program or {}), "free": list(free.names), "steps": iterations}
+    return None if found is None else replace(found, program=facts)
 
 
 def _follow(
@@ -255,9 +253,7 @@ def _pick_rows(task: PlanTask, few: int) -> NDArray[np.int_]:
     if not runs:
         return np.zeros(0, int)
     count, total = sum(last - first + 1 for first, last in runs), sum(time[last] - time[first] for first, last in runs)
-    ways = np.diff(task.position, axis=0)
-    ways /= np.maximum(np.linalg.norm(ways, axis=1), 1e-12)[:, None]
-    angle = np.r_[0.0, np.arccos(np.clip((ways[1:] * ways[:-1]).sum(axis=1), -1.0, 1.0))]
+    angle = find_corners(task.nominal)[1][:-1]
     density = np.r_[0.0, np.cumsum(task.step_time / total + angle / max(float(angle.sum()), 1e-9))]
     for first, last in runs:
         own = density[first : last + 1] - density[first]
@@ -266,18 +262,3 @@ def _pick_rows(task: PlanTask, few: int) -> NDArray[np.int_]:
         found = np.unique(np.r_[first, first + np.clip(at, 0, last - first), last])
         chosen.append(found[np.r_[True, np.diff(time[found]) > 1e-6 * total]])
     return np.unique(np.concatenate(chosen))
-
-
-def _allow_tube(task: PlanTask, rows: NDArray[np.int_], share: float) -> dict[str, Array]:
-    """Return the allowed tip offset by direction at the stations, zero in rapid moves and at rest. Shapes (k,). [m]
-
-    Both directions across the path have an equal share of the square.
-    """
-    names = ("ahead", "left", "up")
-    if share <= 0.0 or not len(rows):
-        return {name: np.zeros(len(rows)) for name in names}
-    inside = task.cut.copy()
-    for first, last in task.runs:
-        inside[[first, last]] = False
-    across = share * inside[rows] * task.tolerance / np.sqrt(2.0)
-    return dict(zip(names, (0.0 * across, across, across), strict=True))

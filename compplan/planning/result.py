@@ -27,9 +27,9 @@ from compplan.robot import Array, Robot
 from compplan.simulation.simulated_robot import EXACT_EVALUATION, Evaluation
 from compplan.statics.chain import locate_frames
 from compplan.uncertainty.band import ErrorBand, estimate_band
-from compplan.uncertainty.motion import Motion, greatest_shift, read_placement, shift_part
+from compplan.uncertainty.motion import Motion, greatest_shift
 from compplan.uncertainty.sensitivities import build_path_model, read_force_spread
-from compplan.uncertainty.touch_off import read_touch, touch_part
+from compplan.uncertainty.touch_off import read_touch, spread_placement, touch_part
 
 #: Most limits listed in a sentence.
 LISTED = 3
@@ -133,11 +133,8 @@ class Plan(Shown):
             left = left + task.nominal.rounded
         if output is not None and output.programs and output.form != "joint" and self.executed is None:
             bow += output.bound_fit(task.tolerance)
-        placed, part = read_placement(noise), None
-        if placed is not None and self.job is not None:
-            part = shift_part(task.position, self.job.T_base_part[:3, 3], placed)
-        elif task.touched is not None:
-            part = task.touched.spread_part(task.position)
+        origin = np.zeros(3) if self.job is None else self.job.T_base_part[:3, 3]
+        part = spread_placement(noise, task.touched, task.position, origin)
         touchable = None
         if task.touched is None and self.job is not None:
             touchable = touch_part(task.robot, task.nominal, task.rotation, task.q_start, read_touch(self.job))

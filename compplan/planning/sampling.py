@@ -35,6 +35,8 @@ LEAD_ROWS = 8
 FIRST_STEP, GROWTH = 1e-4, 1.8
 #: Greatest motion of a joint in one move of a cut. [rad, m]
 MOST_TURN, MOST_SLIDE = float(np.radians(4.0)), 0.05
+#: Change of direction of a reversal. [rad]
+REVERSAL = float(np.arccos(-0.9))
 #: Most pieces of a move per division, and most waypoints of a path.
 MOST_PIECES, MOST_WAYPOINTS = 16, 1_000_000
 
@@ -187,7 +189,7 @@ def divide_task(task: PlanTask, places: Array, lead: NDArray[np.bool_] | None = 
     new = replace(
         task, nominal=nominal, rotation=rotation, compensated=compensated, q_start=q, missed=missed, rests=rests,
         lead=leads, wrench=np.zeros((len(places), 6)), bias=None, links=None, step_time=programmed_times(nominal),
-        places=np.interp(places, np.arange(len(task)), task.origin),
+        origin=np.interp(places, np.arange(len(task)), task.origin),
     )  # fmt: skip
     return replace(new, wrench=predict_loads(new))
 
@@ -239,18 +241,13 @@ def divide_by(task: PlanTask, pieces: NDArray[np.int_]) -> PlanTask:
 
 def _find_rests(nominal: Toolpath) -> NDArray[np.int_]:
     """Find sharp corners of the cut, reversals included."""
-    steps = np.diff(nominal.position, axis=0)
-    length = np.linalg.norm(steps, axis=1)
-    travel = steps / np.maximum(length, 1e-12)[:, None]
-    cosine = np.einsum("ni,ni->n", travel[:-1], travel[1:])
-    back = (cosine < -0.9) & (np.minimum(length[:-1], length[1:]) > 1e-9)
-    back &= ~nominal.rapid[1:-1] & ~nominal.rapid[2:]
-    corners = find_corners(nominal)[0]
+    corners, turn = find_corners(nominal)
+    back = (turn > REVERSAL) & ~nominal.rapid & ~np.r_[nominal.rapid[1:], True]
     if nominal.rounded is not None:
         curved = nominal.rounded > 0.0
         curved[1:-1] |= curved[:-2] | curved[2:]
         corners = corners[~curved[corners]]
-    return np.union1d(corners, np.flatnonzero(back) + 1)
+    return np.union1d(corners, np.flatnonzero(back))
 
 
 def programmed_times(nominal: Toolpath) -> Array:

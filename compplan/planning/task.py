@@ -72,8 +72,8 @@ class PlanTask:
     bias: Array | None = None  #: Load of inertia on each elastic coordinate, or None. Shape (n, s). [N m or N]
     #: Link-side joint positions, None if they are q_start. Shape (n, nq). [rad or m]
     links: Array | None = None
-    #: Number of each waypoint in the toolpath, fractional where a move was divided. Shape (n,).
-    places: Array | None = None
+    #: Number of each waypoint in the toolpath, fractional where a move was divided (default: 0, 1, ..). Shape (n,).
+    origin: Array = field(default_factory=lambda: np.zeros(0))
     #: Elastic coordinates of the last equilibrium: initial guess of the next one, overwritten. Results depend on them
     #: only by rounding. Shape (n, s). [rad or m]
     theta: Array = field(default_factory=lambda: np.zeros((0, 0)))
@@ -88,6 +88,8 @@ class PlanTask:
                 object.__setattr__(self, name, np.zeros(shape[0], bool))
         if self.theta.shape != shape:
             object.__setattr__(self, "theta", np.zeros(shape))
+        if len(self.origin) != shape[0]:
+            object.__setattr__(self, "origin", np.arange(shape[0], dtype=float))
 
     def __len__(self) -> int:
         return len(self.nominal)
@@ -96,11 +98,6 @@ class PlanTask:
     def position(self) -> Array:
         """Required tool tip. Shape (n, 3). [m]"""
         return self.nominal.position
-
-    @property
-    def origin(self) -> Array:
-        """Number of each waypoint in the toolpath, fractional where a move was divided. Shape (n,)."""
-        return np.arange(len(self), dtype=float) if self.places is None else self.places
 
     @property
     def programmed(self) -> Array:

@@ -281,7 +281,6 @@ class Engagement:
     def _sides(self) -> tuple[Array, Array]:
         """Return the reach of the engaged surface to the left and to the right. Shapes (n,). [m]"""
         half = np.pi / self.depth.shape[2]
-        knots = self.cutter.slices.knots[:, 0]
         knots, here = self.cutter.slices.knots[:, 0], self.depth
         whole = here.max(axis=2, keepdims=True)
         radius = knots[:-1, None] + whole * np.diff(knots)[:, None]

@@ -250,18 +250,14 @@ class _PointEdge(_EdgeSolver):
         found = (low & high).astype(np.float32)
         straight = ~lower[:, None]
         n, k, m = np.nonzero((low ^ high) & straight)
-        up = low[n, k, m]
-
-        def hit(share: Array) -> NDArray[np.bool_]:
-            return self._solid(rows[n], k, np.where(up, share, 1.0 - share), angles[m], moves)
-
-        found[n, k, m] = _halve(hit, len(n), self._count_halvings(k))
+        hit, start = partial(self._solid, rows[n], k, angles[m], moves), np.where(low[n, k, m], 0.0, 1.0)
+        found[n, k, m] = _halve(hit, start, 1.0 - 2.0 * start, self._count_halvings(k))
         from_low, upright = low | ~high, np.abs(self.cutter.slices.normal[:, 1:]) < 1e-9
 
         def reaches(place: Bins, more: Shares, less: Shares, angle: Array) -> NDArray[np.bool_]:
             n, k, _ = place
             middle = np.where(from_low[place], 0.5 * (more + less), 1.0 - 0.5 * (more + less))
-            return self._solid(rows[n], k, middle, angle, moves)
+            return self._solid(rows[n], k, angle, moves, middle)
 
         # where the boundary is oblique, the middles of the bins are sufficient
         _end_arcs(found, out & straight, reaches, ARC_HALVINGS, upright | (found == 1.0))
@@ -293,24 +289,17 @@ class _PointEdge(_EdgeSolver):
             live = np.flatnonzero(end > begin)
             at, slices, angle = rows[n[live]], k[live], angles[m[live]] + off
             span = end[live] - begin[live]
-            ends = [self._solid(at, slices, side[live], angle, moves) for side in (begin, end)]
+            ends = [self._solid(at, slices, angle, moves, side[live]) for side in (begin, end)]
             share = np.where(ends[0] & ends[1], span, 0.0)
             part = np.flatnonzero(ends[0] ^ ends[1])
             fix, sign = np.where(ends[0], begin[live], end[live])[part], np.where(ends[0], 1.0, -1.0)[part]
-            reach = partial(self._solid_from, at[part], slices[part], angle[part], (fix, sign * span[part]), moves)
-            share[part] = span[part] * _halve(reach, len(part), self._count_halvings(slices[part]))
+            hit = partial(self._solid, at[part], slices[part], angle[part], moves)
+            share[part] = span[part] * _halve(hit, fix, sign * span[part], self._count_halvings(slices[part]))
             total[live] += share
         found[n, k, m] = total / STRIPS
 
-    def _solid_from(
-        self, row: NDArray[np.int_], k: NDArray[np.int_], angle: Array, line: tuple[Array, Array],
-        moves: NDArray[np.int_], share: Array,
-    ) -> NDArray[np.bool_]:  # fmt: skip
-        """Return which points of slices are in material, at shares of a line (start, extent) on the slice."""
-        return self._solid(row, k, line[0] + share * line[1], angle, moves)
-
     def _solid(
-        self, row: NDArray[np.int_], k: NDArray[np.int_], share: Array, angle: Array, moves: NDArray[np.int_]
+        self, row: NDArray[np.int_], k: NDArray[np.int_], angle: Array, moves: NDArray[np.int_], share: Array
     ) -> NDArray[np.bool_]:
         """Return which points of the edge are in material. Shape (s,)."""
         rho, height = self.cutter.edge_point(k, share)
@@ -350,25 +339,19 @@ def _end_arcs(
         ends = (steady > 0.0) & (other < THIN * steady) & np.roll(out, -way, axis=2)
         place = np.nonzero(ends if where is None else ends & where)
         more, less = steady[place], other[place]
-        turned = partial(_turn_on, partial(reaches, place, more, less), angles[place[2]], way * turn)
-        reach = (_halve(turned, len(more), halvings) - 0.5).astype(np.float32)  # in bins, from the boundary
+        turned = _halve(partial(reaches, place, more, less), angles[place[2]], way * turn, halvings)
+        reach = (turned - 0.5).astype(np.float32)  # in bins, from the boundary
         n, k, m = place
         np.add.at(found, (n, k, m), np.minimum(reach, 0.0) * (more - less))
         np.add.at(found, (n, k, (m + way) % ANGLES), np.maximum(reach, 0.0) * (more - less))
 
 
-def _turn_on(
-    reaches: Callable[[Array], NDArray[np.bool_]], angle: Array, step: float, share: Array
-) -> NDArray[np.bool_]:
-    return reaches(angle + step * share)
-
-
-def _halve(hit: Callable[[Array], NDArray[np.bool_]], count: int, times: int) -> Array:
-    """Locate by bisection the change from a hit, at 0, to none, at 1. Shape (count,)."""
-    low, high = np.zeros(count), np.ones(count)
-    for _ in range(times if count else 0):
+def _halve(hit: Callable[[Array], NDArray[np.bool_]], start: Array, extent: Array | float, times: int) -> Array:
+    """Locate by bisection the change from a hit, at the start, to none; as shares of the extent. Shape (count,)."""
+    low, high = np.zeros(len(start)), np.ones(len(start))
+    for _ in range(times if len(start) else 0):
         middle = 0.5 * (low + high)
-        found = hit(middle)
+        found = hit(start + extent * middle)
         low, high = np.where(found, middle, low), np.where(found, high, middle)
     return 0.5 * (low + high)
 

@@ -396,7 +396,7 @@ def _as_job_holds(
 
 def _check_level(measured: Array, predicted: Array, file: Path) -> None:
     """Refuse a log with forces of another magnitude than the predicted ones. Shapes (m, 3). [N]"""
-    level, wanted = (float(np.sqrt((force**2).sum(axis=1).mean())) for force in (measured, predicted))
+    level, wanted = _rms(measured), _rms(predicted)
     if not wanted / MOST_RATIO <= level <= wanted * MOST_RATIO:
         message = f"force in the cut is {level:.3g} N (rms), {wanted:.3g} N is predicted: check units and s_mm"
         raise InputError(message, file=file)

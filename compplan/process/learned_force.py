@@ -18,6 +18,7 @@ import tomli_w
 from pydantic import Field
 from scipy.spatial.transform import Rotation
 
+from compplan.io.quantities import shorten
 from compplan.io.tables import Array
 from compplan.io.tomlfile import SchemaOne, StrictTable, Vector3, Words, read_toml_model
 
@@ -190,18 +191,14 @@ def write_learned_force(force: LearnedForce, process: Any, folder: Path, source:
     old = read_toml_model(ProcessFile, file).process if file is not None and file.is_file() else ()
     others = [e.model_dump(exclude_none=True) for e in old if (e.model, e.numbers) != (process.model, numbers)]
     entry: dict[str, Any] = {
-        "model": process.model, "level": _short(force.level), "level_sigma": _short(force.level_sigma),
-        "turn_deg": [_short(float(v)) for v in np.degrees(force.turn)], "scatter": _short(force.scatter),
+        "model": process.model, "level": shorten(force.level), "level_sigma": shorten(force.level_sigma),
+        "turn_deg": [shorten(float(v)) for v in np.degrees(force.turn)], "scatter": shorten(force.scatter),
         "numbers": numbers, "part": [part.model_dump() for part in force.parts],
     }  # fmt: skip
     if force.turn_sigma is not None:
-        entry["turn_sigma_deg"] = _short(float(np.degrees(force.turn_sigma)))
+        entry["turn_sigma_deg"] = shorten(float(np.degrees(force.turn_sigma)))
     if len(force.robot):
-        entry["robot"] = [[_short(float(value)) for value in row] for row in force.robot]
+        entry["robot"] = [[shorten(float(value)) for value in row] for row in force.robot]
         entry["robot_sha256"] = _hash_uncertainty(folder)
     table: Mapping[str, Any] = {"schema": 1, "process": [*others, entry]}
     (folder / FILE).write_text(tomli_w.dumps(table), encoding="utf-8")
-
-
-def _short(value: float) -> float:
-    return float(f"{value:.6g}")

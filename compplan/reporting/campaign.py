@@ -212,10 +212,10 @@ def open_campaign(campaign: PoseCampaign) -> Summary:
     count, floor = np.arange(float(len(choice.rms))), float(campaign.design.floor.max())
     lines = (Curve("at the worst point", count, 1e3 * choice.greatest, "after", "lines+markers"),
              Curve("rms", count, 1e3 * choice.rms, 3, "lines+markers"))  # fmt: skip
-    level = (1e3 * floor, "no pose narrows it further")
+    level = (1e3 * floor, "limit at the worst point")
     chart = draw_curves(Curves("", "poses measured", "95 % band [mm]", lines, level))
     caption = (
-        f"Dashed: {format_length(floor)} remain at the worst point from force, repeatability and unmodelled errors."
+        f"Dashed: {format_length(floor)} remain at the worst point, from force, repeatability and unmodelled errors."
         " A measured part narrows those (compplan learn)."
     )
     frames = f" --register {','.join(campaign.equipment.frames)}" if campaign.equipment.frames else ""
@@ -249,6 +249,6 @@ def _list_poses(campaign: PoseCampaign) -> DataTable:
              *(float(v) for v in 1e3 * poses.tip[k])]
         )  # fmt: skip
     joints = [f"q{k + 1} [{'mm' if slides else 'deg'}, 5]" for k, slides in enumerate(robot.prismatic)]
-    columns = ["pose", "rank", *joints, "joints come", "weight", "pull [base axes]", *(f"{a} [mm, 5]" for a in "xyz")]
+    columns = ["pose", "rank", *joints, "approach", "weight", "pull [base axes]", *(f"{a} [mm, 5]" for a in "xyz")]
     caption = "Rank 1 narrows the band most. x, y, z: loaded tool tip, base frame."
     return DataTable(columns, rows, caption, scroll=24)

@@ -68,7 +68,7 @@ def render_comparison(comparison: Comparison) -> str:
     facts += [] if comparison.job is None else [("job", str(comparison.job.file))]
     assumptions = list_assumptions(comparison.job)
     if wrong:
-        assumptions.append(f"cells: {', '.join(wrong)}: what the model may be wrong by is assumed, not measured")
+        assumptions.append(f"robots that differ ({', '.join(wrong)}): the size of the model error is assumed")
     notes = [
         f"{name} is infeasible: {len(command.failures)} waypoints fail "
         f"({', '.join(sorted(set(command.failures.values())))}); its best compromise is shown."
@@ -151,7 +151,7 @@ def _list_cells(comparison: Comparison, wrong: list[str], own: str) -> DataTable
             row.append(Cell(text, "good" if run.rms_deviation <= max(CLOSE * least[cell], FLOOR) else ""))
         rows.append([*row, format_percent(runs[own][name].share_within(tolerance))])
     first = [] if drawn is None else ["robots drawn from the uncertainty"]
-    caption = "Deviation of the loaded tool tip from the path: rms (largest); the closest of each cell is green."
+    caption = "Deviation of the loaded tool tip from the path: rms (largest); the closest of each column is green."
     if drawn is not None:
         caption += f" Drawn robots: rms, median and its 95 % interval (what 95 % stay below); {drawn.source}."
     within = f"{own}: cut within {format_set_value(1e3 * tolerance)} mm"

@@ -31,7 +31,7 @@ from compplan.reporting import diagnosis_text as words
 from compplan.reporting.charts import Bars, Figure, draw_bars, thin_rows
 from compplan.reporting.diagnosis_text import describe_change, describe_effect, describe_parameters, name_effect
 from compplan.reporting.page import Block, Cell, Chart, DataTable, Fold, Section, Summary, render_page
-from compplan.reporting.provenance import describe_robot, explain_grade
+from compplan.reporting.provenance import describe_robot
 from compplan.reporting.scenes import (
     add_path,
     add_shapes,
@@ -54,7 +54,7 @@ DIGITS = {"mm": 3, "deg": 4}
 #: Greatest number of drawn residual vectors.
 VECTORS = 900
 #: Descriptions of the kinds of robot folders.
-DELIVERED = {"nominal": "the nominal robot as it was", "calibrated": "all that a calibration finds, named or not"}
+DELIVERED = {"nominal": "nominal robot, unchanged", "calibrated": "calibrated robot: all estimated errors"}
 
 
 def deliver_diagnosis(
@@ -154,7 +154,7 @@ def render_diagnosis(
         f"{robot.name}: diagnosis",
         open_diagnosis(verdict, gap, kind, picture, todo, split.shares.by_place[CALIBRATION].share),
         [section for section in sections if section.blocks], kind=f"Diagnosis of {name}",
-        notes=[*notes, f"Robot model: {explain_grade(robot)}."],
+        notes=notes,
         provenance=describe_robot(robot, _list_facts(diagnosis, rows)),
     )  # fmt: skip
 
@@ -314,7 +314,7 @@ def _show_calibration(assessment: Assessment) -> Section:
         text = "Every length and direction; lengths in axes of the parent link, tool and base in their own"
         caption = "Intervals hold 95 %. Parameters that these poses do not determine are left out."
         every = _list_corrections(others, caption)
-        blocks.append(Fold(text, every) if every else "No zero, length or direction is sure enough to be entered.")
+        blocks.append(Fold(text, every) if every else "No length or direction is certain enough to be entered.")
     else:
         blocks.append("The nominal robot is delivered as it is: there is nothing to enter.")
     return Section("For the controller", [*blocks, _list_frames(assessment.frames)])

@@ -162,7 +162,7 @@ def _render(found: ForcePrediction, summary: Mapping[str, Any]) -> str:
     size = np.linalg.norm(found.wrench[:, :3], axis=1)
     scenes = [Chart(_colour_path(found, size, "N"), "The path coloured by the size of the force.", 430, True)]
     if cut is not None:
-        about = "The path coloured by what the tool sweeps through material a length of path."
+        about = "The path coloured by the cross-section that is cut: removed volume per length of path."
         scenes.append(Chart(_colour_path(found, 1e6 * cut.section, "mm²"), about, 430, True))
     turns = "; turning one scene turns the other" if len(scenes) > 1 else ""
     sections = [
@@ -179,10 +179,10 @@ def _render(found: ForcePrediction, summary: Mapping[str, Any]) -> str:
         for words, name in names:
             parts = zip(("tangential", "radial", "axial"), known[name], strict=True)
             facts.append((words, ", ".join(f"{part} {value:g}" for part, value in parts)))
-        facts.append(("coefficients are", f"{'assumed' if known['assumed'] else 'taken over'}: {known['source']}"))
+    assumed = [note for note in notes if "assumed" in note]
     return render_page(
-        found.job.name or "Forces", open_forces(found, summary), sections, kind="Forces", notes=notes,
-        provenance=Provenance(facts, [note for note in notes if "assumed" in note]),
+        found.job.name or "Forces", open_forces(found, summary), sections, kind="Forces",
+        notes=[note for note in notes if note not in assumed], provenance=Provenance(facts, assumed),
     )  # fmt: skip
 
 
@@ -284,7 +284,7 @@ def _show_engagement(found: ForcePrediction, cut: Engagement, stations: Stations
     depth = {"axial depth": 1e3 * _leave_out_air(found, cut.axial),
              "radial width": 1e3 * _leave_out_air(found, cut.radial)}  # fmt: skip
     arc = np.degrees(cut.arc)
-    colours, caption = (AFTER, BEFORE), "Axial depth and radial width of what the cutter meets."
+    colours, caption = (AFTER, BEFORE), "Axial depth and radial width of the cut."
     angles = {"first": arc[:, 0], "last": arc[:, 1]}
     turn = "First and last engaged angle, from the travel to the left; none in the air."
     return [

@@ -12,7 +12,7 @@ from compplan.identification.campaign import Identification
 from compplan.identification.estimate import Estimate
 from compplan.io.palette import AFTER, BEFORE, NEUTRAL
 from compplan.io.provenance import describe_origin
-from compplan.io.quantities import format_mm_change, format_number
+from compplan.io.quantities import format_mm_change, format_number, shorten
 from compplan.io.tables import write_json, write_text
 from compplan.io.transaction import replace_folder
 from compplan.measurement.fit.rows import SIGMA_ENCODER
@@ -96,7 +96,7 @@ def _describe(estimate: Estimate, name: str, *, written: bool) -> dict[str, Any]
 
 
 def _round(value: float | None, factor: float = 1.0) -> float | None:
-    return None if value is None or not np.isfinite(value) else float(f"{value * factor:.6g}")
+    return None if value is None or not np.isfinite(value) else shorten(value * factor)
 
 
 def _render(summary: Mapping[str, Any]) -> str:

@@ -99,7 +99,7 @@ def open_map(result: RobotMaps) -> Summary:
     """Return the first screen: deflection over the horizontal plane under the worst force."""
     flat, plane = result.summary()["planes"]["horizontal"]["worst_unit_force_um_per_N"], result.planes["horizontal"]
     verdict = (
-        f"Under 1000 N the tool of {result.robot.name} gives way by {flat['mean']:.2f} mm on average, by "
+        f"Under 1000 N the tool of {result.robot.name} deflects by {flat['mean']:.2f} mm on average, by "
         f"{flat['min']:.2f} mm where the arm is stiffest."
     )
     figures = [

@@ -11,7 +11,7 @@ import numpy as np
 
 from compplan.io.palette import CATEGORIES, TOLERANCE
 from compplan.io.provenance import describe_origin
-from compplan.io.quantities import format_length, format_mm, format_percent, format_set_length, format_set_value
+from compplan.io.quantities import format_length, format_mm, format_mm_change, format_percent, format_set_length
 from compplan.io.tables import write_json, write_text
 from compplan.io.transaction import list_files, replace_folder
 from compplan.reporting.along_path import FLOOR, Stations, chart_strategies
@@ -55,15 +55,8 @@ def _render(result: JobStudy) -> str:
         ("waypoints", f"{summary['waypoints']} of {summary['waypoints_of_path']}"),
         ("tip computed by", "exact loaded equilibrium of every sample and waypoint to 1 nm, geometry to first order"),
     ]
-    notes = [
-        "The ranking holds for robots and forces as uncertain as these; what robot folder and job do not state of that"
-        " is assumed."
-    ]
-    if summary["waypoints"] < summary["waypoints_of_path"]:
-        thinned = f"{summary['waypoints_of_path']} waypoints; the study uses {summary['waypoints']}"
-        notes.insert(0, f"The path has {thinned}, spread evenly.")
     return render_page(
-        summary["name"], open_study(result), sections, notes=notes,
+        summary["name"], open_study(result), sections,
         kind=f"Strategies under uncertainty, {study.task.robot.name}",
         provenance=describe_robot(study.task.robot, facts, [*list_assumptions(result.job), *summary["assumptions"]]),
     )  # fmt: skip
@@ -83,7 +76,7 @@ def open_study(result: JobStudy) -> Summary:
     tone = "good" if share >= 0.95 else "unsure" if share >= 0.5 else "bad"
     count = result.summary["samples"]
     parts = {name: round(count * figures[name]["within_tolerance"]) for name in (best, *({"none"} & set(figures)))}
-    none = f" (uncorrected {parts['none']})" if "none" in figures else ""
+    none = f" (uncorrected: {parts['none']})" if "none" in figures else ""
     verdict = (f"{parts[best]} of {count} simulated parts {'keeps' if parts[best] == 1 else 'keep'} "
                f"{format_set_length(tolerance)} with the best strategy, {name_strategy(best)}{none}.")  # fmt: skip
     numbers = [
@@ -93,8 +86,8 @@ def open_study(result: JobStudy) -> Summary:
     todo = "More samples narrow the intervals: --samples."
     if result.sensitivity is not None:
         group = result.sensitivity.groups[int(np.argmax(result.sensitivity.total[result.summary["sensitivity_of"]]))]
-        todo = f"Measure {GROUPS.get(group, group.replace('_', ' '))}: it makes most of the deviation that is left."
-    boxes = "Box: middle half of the robots drawn; line: 5 to 95 %; dashed: the tolerance. Logarithmic."
+        todo = f"Measure {GROUPS.get(group, group.replace('_', ' '))}: it causes most of the deviation that is left."
+    boxes = "Greatest deviation of each part. Box: middle half of the parts; line: 5 to 95 %. Dashed: tolerance."
     picture = Chart(_draw_distributions(result.run, best), boxes, 90 + 34 * len(figures))
     return Summary(verdict, tone, numbers, picture, todo)
 
@@ -105,14 +98,14 @@ def _show_strategies(result: JobStudy, best: str) -> Section:
         rms, most = entry["rms_mm"], entry["max_mm"]
         rows.append(
             [Cell(name_strategy(name), "strong"), Cell(format_length(1e-3 * rms["mean"]), "good" * (name == best)),
-             " – ".join(format_length(1e-3 * max(end, 0.0)) for end in rms["ci95"]),
+             format_mm_change(*(1e-3 * max(end, 0.0) for end in rms["ci95"])).replace("→", "–"),
              *(format_length(1e-3 * figures[key]) for figures in (rms, most) for key in ("p50", "p95")),
              *(format_percent(entry.get(key, float("nan")))
                for key in ("of_uncorrected", "within_tolerance", "waypoints_within_tolerance"))]
         )  # fmt: skip
     columns = [
         "strategy", "rms, mean", "95 % interval", "rms, median", "rms, 95 %", "greatest, median", "greatest, 95 %",
-        "of uncorrected", f"parts within {format_set_value(result.summary['tolerance_mm'])} mm", "waypoints within",
+        "of uncorrected", "parts within tolerance", "waypoints within",
     ]  # fmt: skip
     table = DataTable(columns, rows, "Deviation of the loaded tool tip from the path.")
     return Section("Strategies", [table])
@@ -134,7 +127,7 @@ def _show_path(run: Run) -> Section:
 
 
 def _show_sensitivity(found: Sensitivity, strategy: str) -> Section:
-    rows = [[group.replace("_", " "), *(round(float(found.total[name][k]), 6) for name in found.total)]
+    rows = [[group.replace("_", " "), *(round(float(found.total[name][k]), 2) for name in found.total)]
             for k, group in enumerate(found.groups)]  # fmt: skip
     heads = ["total index", *(f"{name_strategy(name)} [, 2]" for name in found.total)]
     caption = (
@@ -151,17 +144,17 @@ def _show_sensitivity(found: Sensitivity, strategy: str) -> Section:
 
 
 def _draw_distributions(run: Run, best: str) -> Figure:
-    """Draw the rms deviation of every strategy over the samples as boxes with whiskers at 5 and 95 %."""
-    figure, rms, names = Figure(), np.maximum(run.evaluated.rms, FLOOR), list(run.study.strategies)
+    """Draw the greatest deviation of every sample by strategy, as boxes with whiskers at 5 and 95 %."""
+    figure, most, names = Figure(), np.maximum(run.evaluated.max, FLOOR), list(run.study.strategies)
     colours = colour_strategies(names, best)
-    ends = 1e3 * np.quantile(rms, (0.05, 0.25, 0.5, 0.75, 0.95), axis=0)
+    ends = 1e3 * np.quantile(most, (0.05, 0.25, 0.5, 0.75, 0.95), axis=0)
     for name, colour, (low, q1, median, q3, high) in zip(names, colours, ends.T.tolist(), strict=True):
         figure.add(
             "box", y=[name_strategy(name)], orientation="h", marker={"color": colour}, showlegend=False,
             name=name_strategy(name), lowerfence=[low], q1=[q1], median=[median], q3=[q3], upperfence=[high],
         )  # fmt: skip
-    low, high = 1e3 * float(np.quantile(rms, 0.02)), 1e3 * float(np.quantile(rms, 0.99))
-    use_decades(figure, "x", low, max(high, 2 * low), title="rms deviation")
+    low, high = 1e3 * float(np.quantile(most, 0.02)), 1e3 * float(np.quantile(most, 0.99))
+    use_decades(figure, "x", low, max(high, 2 * low), title="greatest deviation")
     figure.axis("y", autorange="reversed")
     figure.level(1e3 * run.study.task.tolerance, "x", color=TOLERANCE, width=1.4)
     return figure

@@ -47,8 +47,8 @@ if TYPE_CHECKING:
 
 #: Greatest number of waypoints or stretches in a table.
 LISTED = 40
-#: Least displayed tilt. [rad]
-LEAST_TILT = 1e-6
+#: Least displayed tilt. [deg]
+LEAST_TILT = 1e-4
 #: Share of the greatest force below which a force counts as zero.
 NO_FORCE = 1e-3
 #: Names of the parts of the 95 % band.
@@ -112,8 +112,9 @@ def _show_reach(plan: Plan, rates: Sequence[tuple[str, Array, Array]]) -> Sectio
     ]
     shares = (format_percent(side.share_within(task.tolerance)) for side in sides)
     rows.append([f"within {format_set_length(task.tolerance)}", *shares])
-    tilts = (format_number(float(np.degrees(max(side.max_tilt, LEAST_TILT)))) for side in sides)
-    rows.append(["tool axis off by up to", *(f"{tilt}\u00a0deg" for tilt in tilts)])
+    tilts = (float(np.degrees(side.max_tilt)) for side in sides)
+    shown = (format_number(tilt) if tilt >= LEAST_TILT else f"below {LEAST_TILT:g}" for tilt in tilts)
+    rows.append(["tool axis off by up to", *(f"{tilt}\u00a0deg" for tilt in shown)])
     ways = {"joints linear": between.joint, "tip linear": between.cartesian}
     planned = {f"between waypoints, {way}": format_length(float(m.max(initial=0.0))) for way, m in ways.items()}
     if plan.executed is not None:

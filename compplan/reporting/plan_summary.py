@@ -96,7 +96,7 @@ def write_sheet(plan: Plan, folder: Path | None) -> Section:
     rows += [[Cell("Before the machine moves", "bad"), stop] for stop in list_stops(plan.notes)]
     blocks: list[Block] = [
         DataTable(["Setup", ""], rows),
-        "Set up by ______________________   Checked by ______________________   Date ______________",
+        "Set\u00a0up\u00a0by\u00a0______________   Checked\u00a0by\u00a0______________   Date\u00a0______________",
     ]
     if folder is not None and (programs := list_programs(folder)):
         caption = "The file on the controller is this one if its checksum is the same."

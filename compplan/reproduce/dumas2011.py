@@ -10,15 +10,17 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from compplan.identification import Estimate, build_structure, estimate_parameters
+from compplan.io.display import Curve, Curves
 from compplan.measurement.campaign import make_log
-from compplan.reporting.maps.pictures import draw_joint_map, draw_lines
+from compplan.reporting.maps.pictures import draw_joint_map
+from compplan.reporting.page import Picture
 from compplan.reproduce.paper import (
-    PaperFigure,
     Reproduction,
     Row,
     cannot,
     compare,
     describe_paper,
+    draw_figure,
     statement,
     unavailable,
 )
@@ -96,7 +98,6 @@ def reproduce(load: Callable[[str], Robot]) -> Reproduction:
         ),
         rows=tuple(rows),
         figures=tuple(_figures(robot, quality, influence)),
-        samples={"stiffness": 1 / spread},
     )
 
 
@@ -230,7 +231,7 @@ def _rows_of_identification(robot: Robot, spread: Array) -> list[Row]:
     return rows
 
 
-def _figures(robot: Robot, quality: DexterityMap, influence: ComplementaryInfluence) -> list[PaperFigure]:
+def _figures(robot: Robot, quality: DexterityMap, influence: ComplementaryInfluence) -> list[Picture]:
     rng, counts = np.random.default_rng(2), np.arange(2.0, TESTS + 1)
     tests = draw_tests(robot, TESTS, rng)
     found = np.array([
@@ -238,15 +239,15 @@ def _figures(robot: Robot, quality: DexterityMap, influence: ComplementaryInflue
         for k in counts
     ])  # fmt: skip
     joints, nu_p = quality.joints, influence.nu_p.reshape(quality.inverse_condition.shape)
-    lines = [(f"joint {j + 2}", counts, found[:, j], "-") for j in range(5)]
+    lines = tuple(Curve(f"joint {j + 2}", counts, found[:, j], j) for j in range(5))
+    settling = Curves("", "number of tests", "identified stiffness [N m/rad]", lines, logarithmic=True)
     return [
-        PaperFigure("Fig. 2b and Table I",
-                    draw_joint_map(joints, quality.inverse_condition, ZONES, "Inverse condition number 1/κ"),
-                    f"Wrist at 45 deg, characteristic length {quality.length:.2f} m. The boxes are the paper's zones."),
-        PaperFigure("Fig. 3a", draw_joint_map(joints, nu_p, ZONES, "nu_p: share of the displacement that K_C changes",
-                                            high_is_good=False),
-                    f"Under a weight of {MASS_KG:.0f} kg at the flange; the paper's wrench is not stated."),
-        PaperFigure("Fig. 5", draw_lines("Identified stiffness over the number of tests", "number of tests",
-                                         "stiffness [N m/rad]", lines, lambda axis: axis.set_yscale("log")),
+        Picture(draw_joint_map(joints, quality.inverse_condition, ZONES, "Inverse condition number 1/κ"),
+                f"Wrist at 45 deg, characteristic length {quality.length:.2f} m. The boxes are the paper's zones.",
+                "Fig. 2b and Table I"),
+        Picture(draw_joint_map(joints, nu_p, ZONES, "nu_p: share of the displacement that K_C changes",
+                               high_is_good=False),
+                f"Under a weight of {MASS_KG:.0f} kg at the flange; the paper's wrench is not stated.", "Fig. 3a"),
+        draw_figure("Fig. 5", settling,
                     "Simulated tests with the paper's uncertainties: the values settle as tests are added."),
     ]  # fmt: skip

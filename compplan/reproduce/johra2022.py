@@ -7,21 +7,23 @@ from dataclasses import replace
 
 import numpy as np
 
-from compplan.reporting.maps.pictures import draw_lines
+from compplan.io.display import Curve, Curves
+from compplan.io.palette import CATEGORIES
+from compplan.reporting.page import Picture
 from compplan.reproduce.correction_loop import LITERAL, WITHOUT_DERIVATIVE, fitted_loop, largest_pole, simulate_loops
 from compplan.reproduce.paper import (
-    PaperFigure,
     Reproduction,
     Row,
     cannot,
     compare,
     describe_paper,
+    draw_figure,
     recompute,
     statement,
     unavailable,
 )
 from compplan.robot import Array, Robot
-from compplan.statics.chain import build_chain, locate_frames
+from compplan.statics.chain import build_chain, jacobian, locate_frames
 from compplan.statics.elastic import cartesian_compliance, solve_equilibrium
 from compplan.statics.ik import build_arm, name_configuration, solve_branches
 
@@ -66,7 +68,6 @@ def reproduce(load: Callable[[str], Robot]) -> Reproduction:
         ),
         rows=tuple(rows),
         figures=tuple(_figures(robot, single, lateral)),
-        samples={"lateral": lateral},
     )
 
 
@@ -76,45 +77,36 @@ def without_side_spring(robot: Robot) -> Robot:
     return replace(robot, name=f"{robot.name}, one spring a joint", springs=own)
 
 
-def displace(robot: Robot, q_deg: tuple[float, ...], force: list[float] | Array, moment: float = 0.0) -> Array:
-    """Compute the displacement of the TCP at a posture under a force. Shape (3,). [m]"""
-    chain, q = build_chain(robot), np.radians([q_deg])
-    loaded = solve_equilibrium(chain, q, np.array([*force, 0.0, 0.0, moment]))
-    return np.asarray((loaded.position - solve_equilibrium(chain, q).position)[0])
+def displace(robot: Robot, q_deg: tuple[float, ...], force: list[float] | Array) -> Array:
+    """Compute the displacement of the TCP at a posture under a force, or under each of n. Shape (3,) or (n, 3). [m]"""
+    chain, wrench = build_chain(robot), np.pad(np.atleast_2d(force), ((0, 0), (0, 3)))
+    q = np.tile(np.radians(q_deg), (len(wrench), 1))
+    moved = solve_equilibrium(chain, q, wrench).position - solve_equilibrium(chain, q).position
+    return moved.reshape(np.shape(force))
 
 
 def error_over_direction(robot: Robot) -> Array:
     """Compute the deflection at the part's centre over the direction of the lateral force: angle [rad] and size [m]."""
-    chain, angle = build_chain(robot), np.linspace(0, 2 * np.pi, 73)
+    angle = np.linspace(0, 2 * np.pi, 73)
     force = np.column_stack([LATERAL_N * np.cos(angle), LATERAL_N * np.sin(angle), np.full(73, AXIAL_N)])
-    q = np.tile(np.radians(CENTRE_DEG), (73, 1))
-    loaded = solve_equilibrium(chain, q, np.hstack([force, np.zeros((73, 3))]))
-    size = np.linalg.norm(loaded.position - solve_equilibrium(chain, q).position, axis=1)
-    return np.column_stack([angle, size])
+    return np.column_stack([angle, np.linalg.norm(displace(robot, CENTRE_DEG, force), axis=1)])
 
 
-def grid_postures(robot: Robot, height: float = 0.1, side: float = 0.6) -> Array:
+def grid_postures(robot: Robot) -> Array:
     """Solve postures on a 0.6 m grid of about 200 points around the part, tool down. Shape (n, 6). [rad]"""
-    arm, steps = build_arm(robot), np.linspace(-side / 2, side / 2, 14)
+    arm, steps = build_arm(robot), np.linspace(-0.3, 0.3, 14)
     x, y = (values.ravel() for values in np.meshgrid(CENTRE[0] + steps, steps))
     turn = np.tile(np.array([[1.0, 0, 0], [0, -1, 0], [0, 0, -1]]), (x.size, 1, 1))
-    slots = solve_branches(arm, np.column_stack([x, y, np.full(x.size, height)]), turn)
+    slots = solve_branches(arm, np.column_stack([x, y, np.full(x.size, 0.1)]), turn)
     q = slots[:, int(name_configuration(arm, np.radians([CENTRE_DEG]))[0])]
     return np.asarray(q[np.isfinite(q).all(axis=1)])
-
-
-def _force_slopes(lateral: Array) -> str:
-    """Format the range of the deflection per force over the direction of the lateral force."""
-    slope = 1e3 * lateral[:, 1] / np.hypot(AXIAL_N, LATERAL_N) * 1e3
-    return f"{slope.min():.2f} to {slope.max():.2f} mm/kN without it"
 
 
 def load_shares(robot: Robot, q_deg: tuple[float, ...], direction: tuple[float, ...]) -> dict[str, float]:
     """Compute the share of each spring in the deflection along a force."""
     chain = build_chain(robot)
     frames = locate_frames(chain, np.radians([q_deg]))
-    elements = chain.spring_elements
-    lever = np.cross(frames.axis[0, elements], frames.tcp_position[0] - frames.origin[0, elements])
+    lever = jacobian(chain, frames)[0, :3, chain.spring_elements]
     share = np.diag(chain.compliance) * (lever @ np.array(direction, float)) ** 2
     return dict(zip(chain.spring_names, (share / share.sum()).tolist(), strict=True))
 
@@ -185,7 +177,7 @@ def _rows_of_grid(robot: Robot, single: Robot) -> list[Row]:
 
 def _rows_of_forming(lateral: Array) -> list[Row]:
     low, high = lateral[:, 1].min() * 1e3, lateral[:, 1].max() * 1e3
-    left = 1.13 / 3.84
+    left, slope = 1.13 / 3.84, 1e3 / np.hypot(AXIAL_N, LATERAL_N)  # [1, 1/kN]
     inside = "order of magnitude" if low <= 3.84 <= high else cannot("the force history")
     loads = f"{AXIAL_N:.0f} N along z and {LATERAL_N:.0f} N sideways in every direction"
     return [
@@ -193,7 +185,8 @@ def _rows_of_forming(lateral: Array) -> list[Row]:
             f"{loads}, at the part's centre; {TOOL}"),
         recompute("Improvement by the correction", 70.0, 100 * (1 - left), "%", "1 - 1.13 / 3.84, both the paper's"),
         Row("Fig. 19: error norm over the force norm", "grows without correction, stays below a threshold with it",
-            f"{_force_slopes(lateral)}, proportional to the force; with it {left:.0%} of that", "", None, "trend only",
+            f"{low * slope:.2f} to {high * slope:.2f} mm/kN without it, proportional to the force; with it {left:.0%} "
+            "of that", "", None, "trend only",
             f"{loads}, scaled; {TOOL}"),
         Row("Error left after the correction", 1.13,
             f"{left:.0%} of the deflection, which is the effective error of the model", "mm", None,
@@ -220,58 +213,32 @@ def _rows_of_loop() -> list[Row]:
     ]  # fmt: skip
 
 
-def _figures(robot: Robot, single: Robot, lateral: Array) -> list[PaperFigure]:
+def _figures(robot: Robot, single: Robot, lateral: Array) -> list[Picture]:
     forces = np.linspace(0, FIG_7_FORCE, 8)
-    moved, plain = (np.array([displace(r, FIG_7_DEG, [0, float(f), 0]) for f in forces]) * 1e3 for r in (robot, single))
-    lines = [
-        (f"{axis}, {name}", forces, values[:, k], style)
+    moved, plain = (displace(r, FIG_7_DEG, np.outer(forces, [0, 1, 0])) * 1e3 for r in (robot, single))
+    lines = tuple(
+        Curve(f"{axis}, {name}", forces, values[:, k], k + dashed, "lines+markers")
         for k, axis in ((0, "x"), (1, "y"))
-        for name, values, style in (("enhanced", moved, "o-"), ("one spring a joint", plain, "s--"))
-    ]
+        for name, values, dashed in (("enhanced", moved, 0), ("one spring a joint", plain, len(CATEGORIES)))
+    )
     time, responses = simulate_loops()
     q = grid_postures(robot)
     compliance = cartesian_compliance(build_chain(robot), q)
     x = locate_frames(build_chain(robot), q).tcp_position[:, 0]
-    order = np.argsort(x)
-    diagonal = [
-        (axis, x[order], compliance[order, k, k] * 1e6, ".") for k, axis in enumerate(("along x", "along y", "along z"))
-    ]
+    diagonal = tuple(Curve(f"along {'xyz'[k]}", x, compliance[:, k, k] * 1e6, k, "markers") for k in range(3))
+    errors = (Curve("enhanced model", np.degrees(lateral[:, 0]), lateral[:, 1] * 1e3, 0),)
+    loops = tuple(Curve(name, time, np.clip(v, -1.5, 1.5), k) for k, (name, v) in enumerate(responses.items()))
     return [
-        PaperFigure(
-            "Figs. 8 and 9",
-            draw_lines("Posture of Fig. 7 under a force along y", "force [N]", "displacement [mm]", lines),
-            "At the tool tip. Only the extra spring, shifted 400 mm, moves the tool along x.",
-        ),
-        PaperFigure(
-            "Compliance over the work area",
-            draw_lines("Compliance on the 0.6 m grid", "x [m]", "compliance [µm/N]", diagonal),
-            "Tool down, z = 0.1 m. Lateral compliance hangs on the one digit of k5 and on the tool length.",
-        ),
-        PaperFigure(
-            "Error before correction over the direction of the lateral force",
-            draw_lines(
-                "Deflection at the part's centre",
-                "direction of the lateral force [deg]",
-                "deflection [mm]",
-                [
-                    ("enhanced model", np.degrees(lateral[:, 0]), lateral[:, 1] * 1e3, "-"),
-                    ("largest measured in the paper", np.array([0.0, 360.0]), np.array([3.84, 3.84]), "--"),
-                ],
-            ),
-            f"{AXIAL_N:.0f} N along z and {LATERAL_N:.0f} N sideways.",
-        ),
-        PaperFigure(
-            "Response of the control loop",
-            draw_lines(
-                "Remaining error after a load of 1 mm deflection",
-                "time [s]",
-                "error [mm]",
-                [
-                    (name, time, values, style)
-                    for (name, values), style in zip(responses.items(), ("-", "--", ":"), strict=True)
-                ],
-                lambda axis: axis.set_ylim(-1.5, 1.5),
-            ),
-            "The literal law grows without bound; without derivative, or with a fitting plant, the error dies away.",
-        ),
-    ]
+        draw_figure("Figs. 8 and 9: posture of Fig. 7 under a force along y",
+                    Curves("", "force [N]", "displacement [mm]", lines),
+                    "At the tool tip. Only the extra spring, shifted 400 mm, moves the tool along x."),
+        draw_figure("Compliance over the work area", Curves("", "x [m]", "compliance [µm/N]", diagonal),
+                    "Tool down, z = 0.1 m. Lateral compliance depends on the one digit of k5 and on the tool length."),
+        draw_figure("Error before correction over the direction of the lateral force",
+                    Curves("", "direction of the lateral force [deg]", "deflection [mm]", errors,
+                           (3.84, "largest measured in the paper")),
+                    f"At the part's centre, {AXIAL_N:.0f} N along z and {LATERAL_N:.0f} N sideways."),
+        draw_figure("Response of the control loop", Curves("", "time [s]", "remaining error [mm]", loops),
+                    "After a load of 1 mm deflection. The literal law grows without bound (clipped); without "
+                    "derivative, or with a fitting plant, the error dies away."),
+    ]  # fmt: skip

@@ -9,10 +9,12 @@ from itertools import pairwise
 import numpy as np
 
 from compplan.identification import ReducedModel, reduce_model
-from compplan.reporting.maps.pictures import Panel, deflection_panels, draw_deflection, draw_lines
+from compplan.io.display import Curve, Curves
+from compplan.io.palette import CATEGORIES
+from compplan.reporting.maps.pictures import Panel, deflection_panels, draw_deflection
 from compplan.reporting.maps.survey import DeflectionMap, MapSettings, map_planes
+from compplan.reporting.page import Picture
 from compplan.reproduce.mamedov_circles import (
-    FITTED,
     MAXIMA_BEFORE,
     MEANS_AFTER,
     MEANS_BEFORE,
@@ -21,12 +23,12 @@ from compplan.reproduce.mamedov_circles import (
     CircleErrors,
     compensate_circles,
 )
-from compplan.reproduce.paper import PaperFigure, Reproduction, Row, cannot, compare, describe_paper, statement
+from compplan.reproduce.paper import Reproduction, Row, cannot, compare, describe_paper, draw_figure, statement
 from compplan.robot import Array, LinkElasticity, Robot
 from compplan.robot.elasticity import hollow_beam_compliance
 from compplan.statics.chain import build_chain
-from compplan.statics.elastic import cartesian_compliance
 from compplan.statics.ik import build_arm
+from compplan.statics.stiffness import displace_linearly
 
 TABLE_3 = np.array([0.56, 0.30, 0.43, 2.8, 3.2, 2.1])  # 1e-6 rad/(N m)
 #: Lengths, outer and inner diameters, directions of the beams, by link [Table 1]. [m]
@@ -66,7 +68,7 @@ def reproduce(load: Callable[[str], Robot]) -> Reproduction:
     planes = map_full(full)
     gaps = {name: reduced_gap(full, table_3, plane) for name, plane in planes.items()}
     walls = [sweep_wall(full, wall) for wall in (0.01, 0.02, 0.03, 0.04, 0.05, 0.07, 0.10)]
-    circles = compensate_circles(full, table_3, FITTED)
+    circles = compensate_circles(full, table_3)
     rows = [
         *_rows_of_table_3(full, own),
         *_rows_of_maps(full, planes, gaps, own.robot, table_3),
@@ -85,7 +87,6 @@ def reproduce(load: Callable[[str], Robot]) -> Reproduction:
         ),
         rows=tuple(rows),
         figures=tuple(_figures(full, planes, gaps, own, walls, circles)),
-        samples={"table_3": own.compliance, "after": circles.means(circles.after)},
     )
 
 
@@ -146,7 +147,7 @@ def sweep_wall(full: Robot, wall: float) -> WallStep:
 
 
 def _yield_under(robot: Robot, q: Array, force: Array) -> Array:
-    return np.asarray(np.einsum("nij,nj->ni", cartesian_compliance(build_chain(robot), q)[:, :3, :3], force))
+    return displace_linearly(build_chain(robot), q, np.pad(force, ((0, 0), (0, 3))), complementary=False)[:, :3]
 
 
 def _beam(link: str, length: float, outer: float, inner: float, axis: str, young: float) -> LinkElasticity:
@@ -243,47 +244,39 @@ def _rows_of_circles(fit: CircleErrors) -> list[Row]:
 def _figures(
     full: Robot, planes: dict[str, DeflectionMap], gaps: dict[str, Array], own: ReducedModel, walls: list[WallStep],
     fit: CircleErrors,
-) -> list[PaperFigure]:  # fmt: skip
+) -> list[Picture]:  # fmt: skip
     figures = []
     for name, plane in planes.items():
         panels = [*deflection_panels(plane), Panel("Full minus reduced model", 1e6 * gaps[name], "µm/N")]
         picture = draw_deflection(full, plane, panels, f"KR 270, {name} plane, wrist straight")
         text = "Full model under the worst unit force and under the paper's milling force; gap to its reduced model."
-        figures.append(PaperFigure(f"Figs. 3 and 6: {name} plane", picture, text))
-    joints = np.arange(1.0, 7.0)
+        figures.append(Picture(picture, text, f"Figs. 3 and 6: {name} plane"))
+    joints, both = np.arange(1.0, 7.0), "lines+markers"
     materials = [(young, identify_reduced(with_material(full, young)).compliance) for young in (45e9, 70e9, 210e9)]
-    figures.append(
-        PaperFigure(
-            "Table 3",
-            draw_lines(
-                "Reduced compliances, ours over the paper's", "joint", "ratio",
-                [(f"E = {young / 1e9:.0f} GPa", joints, found * 1e6 / TABLE_3, "o-") for young, found in materials],
-            ),
-            "1 is the paper. Aluminium is near, steel is not; the paper does not state the material.",
-        )
-    )  # fmt: skip
+    ratios = [
+        Curve(f"E = {young / 1e9:.0f} GPa", joints, found * 1e6 / TABLE_3, k, both)
+        for k, (young, found) in enumerate(materials)
+    ]
     wall = np.array([step.wall for step in walls]) * 100
-    figures.append(
-        PaperFigure(
-            "Figs. 10 and 11",
-            draw_lines(
-                "Compensation and share of the links over the wall thickness", "wall thickness [cm]", "[%]",
-                [("mean compensation", wall, np.array([s.mean for s in walls]) * 100, "o-"),
-                 ("least compensation", wall, np.array([s.least for s in walls]) * 100, "s--"),
-                 ("share of the links", wall, np.array([s.link_share for s in walls]) * 100, "^-")],
-            ),
-            "Vertical plane, own identification at every thickness.",
+    shares = [
+        Curve(name, wall, 100 * np.array([getattr(step, key) for step in walls]), k, both)
+        for k, (key, name) in enumerate(
+            (("mean", "mean compensation"), ("least", "least compensation"), ("link_share", "share of the links"))
         )
-    )  # fmt: skip
+    ]
     angle = np.arange(POINTS) * 360.0 / POINTS
-    lines = [(f"{name}, {axis}", angle, errors[1, :, a] * 1e3, style)
-             for name, errors, style in (("before", fit.before, "-"), ("after", fit.after, "--"))
-             for a, axis in enumerate("xyz")]  # fmt: skip
-    figures.append(
-        PaperFigure(
-            "Fig. 7: circle of 0.5 m in the fitted posture",
-            draw_lines("Errors along the circle", "angle [deg]", "error [mm]", lines),
-            "Uncompensated errors and those that the mirrored compensation by the paper's reduced model leaves.",
-        )
-    )
-    return figures
+    errors = [
+        Curve(f"{name}, {axis}", angle, values[1, :, a] * 1e3, a + dashed)
+        for name, values, dashed in (("before", fit.before, 0), ("after", fit.after, len(CATEGORIES)))
+        for a, axis in enumerate("xyz")
+    ]
+    return [
+        *figures,
+        draw_figure("Table 3", Curves("", "joint", "compliance, ours / paper", tuple(ratios)),
+                    "1 is the paper. Aluminium is near, steel is not; the paper does not state the material."),
+        draw_figure("Figs. 10 and 11", Curves("", "wall thickness [cm]", "[%]", tuple(shares)),
+                    "Vertical plane, own identification at every thickness."),
+        draw_figure("Fig. 7: circle of 0.5 m in the fitted posture",
+                    Curves("", "angle [deg]", "error [mm]", tuple(errors)),
+                    "Errors without compensation, and with the mirrored one by the paper's reduced model."),
+    ]  # fmt: skip

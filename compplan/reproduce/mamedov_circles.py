@@ -9,8 +9,8 @@ from scipy.spatial.transform import Rotation
 
 from compplan.robot import Array, Robot
 from compplan.statics.chain import Chain, build_chain
-from compplan.statics.elastic import cartesian_compliance
 from compplan.statics.ik import Arm, build_arm, solve_branches
+from compplan.statics.stiffness import displace_linearly
 
 FORCE = np.array([440.0, 1370.0, -635.0, 0.0, 0.0, 0.0])
 RADII = (0.01, 0.5)
@@ -22,17 +22,11 @@ MEANS_AFTER = ((0.113, 0.160, 0.017), (0.111, 0.314, 0.045))
 _TARGET = np.array([MEANS_BEFORE, MEANS_AFTER]) * 1e-3
 
 
-@dataclass(frozen=True)
-class CirclePosture:
-    """Centre of the circles, which are in the xz plane, and tool orientation; the paper states neither."""
-
-    centre: Array  #: Centre of both circles, base frame. Shape (3,). [m]
-    orientation: Array  #: Rotation vector of the TCP frame, constant along the circle. Shape (3,). [rad]
-    slot: int  #: Configuration, an index into `compplan.statics.ik.CONFIGURATIONS`.
-
-
-#: Least-squares fit from random start postures: seven numbers for the twelve means of Tables 4 and 5 (fitted).
-FITTED = CirclePosture(np.array([-1.36963, 0.68992, 1.07902]), np.array([-0.77049, -1.25579, 0.75336]), 0)
+#: Centre of both circles (in the xz plane, base frame) [m], configuration (an index into
+#: `compplan.statics.ik.CONFIGURATIONS`), and constant orientation of the TCP. The paper states none: least-squares fit
+#: from random start postures, seven numbers for the twelve means of Tables 4 and 5 (fitted).
+CENTRE, SLOT = np.array([-1.36963, 0.68992, 1.07902]), 0
+ORIENTATION = Rotation.from_rotvec([-0.77049, -1.25579, 0.75336]).as_matrix()
 
 
 @dataclass(frozen=True)
@@ -51,36 +45,27 @@ class CircleErrors:
         return np.array([self.means(self.before), self.means(self.after)]) / _TARGET - 1.0
 
 
-def compensate_circles(full: Robot, reduced: Robot, posture: CirclePosture) -> CircleErrors:
+def compensate_circles(full: Robot, reduced: Robot) -> CircleErrors:
     """Compute the errors along the circles: the mirrored point is commanded, the error is that of the full model."""
     arm, chain, model = build_arm(full), build_chain(full), build_chain(reduced)
     before, after = np.empty((2, POINTS, 3)), np.empty((2, POINTS, 3))
+    angle = np.arange(POINTS) * 2 * np.pi / POINTS
     for k, radius in enumerate(RADII):
-        points = circle(posture, radius)
-        q = _reach(arm, points, posture)
+        points = CENTRE + radius * np.column_stack([np.cos(angle), np.zeros(POINTS), np.sin(angle)])
+        q = _reach(arm, points)
         before[k] = _move(chain, q)
         mirrored = points - _move(model, q)
-        answer = _reach(arm, mirrored, posture)
+        answer = _reach(arm, mirrored)
         after[k] = mirrored + _move(chain, answer) - points
     return CircleErrors(before, after)
 
 
-def circle(posture: CirclePosture, radius: float) -> Array:
-    """Compute the points of a circle. Shape (POINTS, 3). [m]"""
-    angle = np.arange(POINTS) * 2 * np.pi / POINTS
-    points = np.tile(posture.centre, (POINTS, 1))
-    points[:, 0] += radius * np.cos(angle)
-    points[:, 2] += radius * np.sin(angle)
-    return points
-
-
-def _reach(arm: Arm, points: Array, posture: CirclePosture) -> Array:
-    turn = np.tile(Rotation.from_rotvec(posture.orientation).as_matrix(), (len(points), 1, 1))
-    q = solve_branches(arm, points, turn)[:, posture.slot]
+def _reach(arm: Arm, points: Array) -> Array:
+    q = solve_branches(arm, points, np.tile(ORIENTATION, (len(points), 1, 1)))[:, SLOT]
     within = (q >= arm.robot.lower) & (q <= arm.robot.upper)
     return np.where(np.asarray(within.all(axis=-1))[:, None], q, np.nan)
 
 
 def _move(chain: Chain, q: Array) -> Array:
     """Compute the displacement of the TCP by the force, to first order as in the paper. Shape (n, 3). [m]"""
-    return np.asarray((cartesian_compliance(chain, q) @ FORCE)[:, :3])
+    return displace_linearly(chain, q, FORCE, complementary=False)[:, :3]

@@ -10,13 +10,16 @@ from __future__ import annotations
 
 import math
 import tomllib
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from compplan.io.display import Curve, Curves, draw_png
 from compplan.io.provenance import describe_origin
-from compplan.io.quantities import format_number
+from compplan.io.quantities import format_number, shorten
 from compplan.io.tables import write_json, write_text
 from compplan.io.transaction import replace_folder
 from compplan.reporting import page
@@ -54,15 +57,6 @@ class Row:
 
 
 @dataclass(frozen=True)
-class PaperFigure:
-    """A redrawn figure: title, PNG and caption."""
-
-    title: str
-    png: bytes
-    caption: str
-
-
-@dataclass(frozen=True)
 class Reproduction:
     """Reproduction of a paper."""
 
@@ -72,10 +66,9 @@ class Reproduction:
     robots: tuple[Robot, ...]  #: Robots used.
     lede: str  #: Summary of the results in a few sentences.
     rows: tuple[Row, ...]  #: Published and computed quantities.
-    figures: tuple[PaperFigure, ...]  #: Redrawn figures.
+    figures: tuple[page.Picture, ...]  #: Redrawn figures; `description` is the title.
     missing: tuple[str, ...]  #: Information missing in the paper.
     inconsistencies: tuple[str, ...] = ()  #: Contradictions within the paper.
-    samples: dict[str, Array] = field(default_factory=dict)  #: Data of the rows, for tests and notebooks.
 
     def row(self, quantity: str) -> Row:
         """Find a row by its quantity."""
@@ -103,7 +96,7 @@ def compare(
     missing: missing information, named if the numbers differ by more than a factor of three; fitted: whether `ours`
     was tuned to `paper`.
     """
-    ours = float(f"{ours:.6g}")
+    ours = shorten(ours)
     if fitted:
         return Row(quantity, paper, ours, unit, None, "fitted", assumption)
     ratio = ours / paper if paper else math.inf
@@ -118,7 +111,7 @@ def compare(
 
 def recompute(quantity: str, paper: float, ours: float, unit: str, note: str) -> Row:
     """Build the row of a number recomputed from other numbers of the paper: arithmetic, no evidence."""
-    return Row(quantity, paper, float(f"{ours:.6g}"), unit, None, "arithmetic", note)
+    return Row(quantity, paper, shorten(ours), unit, None, "arithmetic", note)
 
 
 def cannot(missing: str) -> str:
@@ -175,7 +168,7 @@ def write_reproduction(result: Reproduction, folder: Path) -> None:
 def _render(result: Reproduction) -> str:
     sections = [page.Section("Figures of the paper beside ours", [_table(result.rows)], EXPLANATION)]
     if result.figures:
-        pictures = [block for figure in result.figures for block in (figure.title, _picture(figure))]
+        pictures = [block for figure in result.figures for block in (figure.description, figure)]
         sections.append(page.Section("Redrawn", pictures))
     gaps = [["missing", text] for text in result.missing] + [["inconsistent", text] for text in result.inconsistencies]
     if gaps:
@@ -197,14 +190,24 @@ def _open(result: Reproduction) -> page.Summary:
     good = counts.get("matches", 0) + counts.get("close", 0)
     told = sum(counts.values())
     figures = [(str(count), words) for words, count in list(counts.items())[:3]]
-    picture = _picture(result.figures[0]) if result.figures else None
+    picture = result.figures[0] if result.figures else None
     verdict = f"{good} of {told} figures of the paper come out within 20 %."
     todo = "Read which figures do not, and what the paper leaves out, below."
     return page.Summary(verdict, "good" if good > 0.5 * told else "unsure", figures, picture, todo)
 
 
-def _picture(figure: Any) -> page.Picture:
-    return page.Picture(figure.png, figure.caption, figure.title)
+def draw_figure(title: str, curves: Curves, caption: str) -> page.Picture:
+    """Draw a redrawn figure from its curves."""
+    return page.Picture(draw_png(curves), caption, title)
+
+
+def draw_shares(title: str, caption: str, x: str, what: str, samples: Mapping[str, Array]) -> page.Picture:
+    """Draw the cumulative distributions of samples; x: title of the axis, what: name of a sample, such as "poses"."""
+    lines = tuple(
+        Curve(f"{name}, mean {values.mean():.2f}", np.sort(values), np.linspace(0.0, 100.0, len(values)), number)
+        for number, (name, values) in enumerate(samples.items())
+    )
+    return draw_figure(title, Curves("", x, f"share of {what} below [%]", lines), caption)
 
 
 def _table(rows: tuple[Row, ...]) -> page.DataTable:

@@ -8,10 +8,22 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.reporting.maps.pictures import draw_lines, draw_shares
+from compplan.io.display import Curve, Curves
+from compplan.io.palette import CATEGORIES
 from compplan.reporting.maps.reach import ON_LIMIT
-from compplan.reproduce.paper import PaperFigure, Reproduction, Row, cannot, describe_paper, recompute, unavailable
+from compplan.reporting.page import Picture
+from compplan.reproduce.paper import (
+    Reproduction,
+    Row,
+    cannot,
+    describe_paper,
+    draw_figure,
+    draw_shares,
+    recompute,
+    unavailable,
+)
 from compplan.robot import Array, Robot
+from compplan.robot.mounting import mounted_tool
 from compplan.statics.chain import build_chain
 from compplan.statics.elastic import cartesian_compliance
 from compplan.statics.ik import Arm, build_arm, solve_branches
@@ -46,7 +58,7 @@ def reproduce(load: Callable[[str], Robot]) -> Reproduction:
     bare = load("fanuc_m10ia")
     tool = np.eye(4)
     tool[2, 3] = TOOL_LENGTH
-    pose = _flange_to_tool0(bare) @ tool
+    pose = mounted_tool(bare) @ tool
     robot = replace(bare.with_tool(pose), name="fanuc_m10ia with a tool")
     arm = build_arm(robot)
     reached = {  # points of each radius that are reached with the tool down and the base on a pedestal
@@ -66,7 +78,6 @@ def reproduce(load: Callable[[str], Robot]) -> Reproduction:
         ),
         rows=tuple(rows),
         figures=tuple(_figures(points)),
-        samples={"best": np.array([p.around["vertical"].min() for p in points])},
     )
 
 
@@ -132,15 +143,6 @@ def _down(arm: Arm, points: Array) -> Array:
     return np.where(inside.any(axis=1, keepdims=True), q, np.nan)
 
 
-def _flange_to_tool0(robot: Robot) -> Array:
-    pose, beyond = np.eye(4), False
-    for joint in robot.joints:
-        beyond = beyond or joint.parent == robot.flange
-        if beyond:
-            pose = pose @ joint.placement
-    return pose
-
-
 def _rows_of_cloud(reached: dict[float, list[int]]) -> list[Row]:
     rows = []
     for height, counts in reached.items():
@@ -173,17 +175,9 @@ def _rows_of_improvement(points: list[CloudPoint], robot: Robot) -> list[Row]:
         known = [p for p in points if p.down]
         best = np.mean([1 - p.around[name].min() / p.down[name] for p in known])
         middle = np.mean([1 - np.median(p.around[name]) / p.down[name] for p in known])
-        rows.append(
-            Row(
-                f"Average improvement of a posture against tool down, {name} force",
-                46.0,
-                f"best {100 * best:.0f}, median {100 * middle:.0f}",
-                "%",
-                None,
-                cannot(f"the set of postures and {WRENCH}"),
-                note,
-            )
-        )
+        title = f"Average improvement of a posture against tool down, {name} force"
+        ours, why = f"best {100 * best:.0f}, median {100 * middle:.0f}", cannot(f"the set of postures and {WRENCH}")
+        rows.append(Row(title, 46.0, ours, "%", None, why, note))
     ratios = ", ".join(f"{1 - b / a:.0%}" for a, b in zip(LARGEST_PLAIN, LARGEST_DEXTEROUS, strict=True))
     title = "Improvement of the largest deflections at r1, r3, r5"
     own = "the paper's own largest deflections"
@@ -216,25 +210,19 @@ def _rows_of_table() -> list[Row]:
     return rows
 
 
-def _figures(points: list[CloudPoint]) -> list[PaperFigure]:
-    radius = np.array([p.radius for p in points])
-    lines = []
-    for name, force in (("vertical", "500 N vertical"), ("lateral", "500 N lateral")):
+def _figures(points: list[CloudPoint]) -> list[Picture]:
+    radius, lines = np.array([p.radius for p in points]), list[Curve]()
+    for number, name in enumerate(LOADS):
         best = np.array([float(p.around[name].min()) for p in points]) * 1e3
         down = np.array([p.down.get(name, np.nan) for p in points]) * 1e3
-        lines += [(f"tool down, {force}", radius, down, "s--"), (f"best direction, {force}", radius, best, "o-")]
+        dashed = number + len(CATEGORIES)
+        lines.append(Curve(f"tool down, 500 N {name}", radius, down, dashed, "lines+markers"))
+        lines.append(Curve(f"best direction, 500 N {name}", radius, best, number, "lines+markers"))
     ranges = {f"r = {p.radius:g} m": p.around["lateral"] * 1e3 for p in points}
-    growth = draw_lines("Tool down against the best direction", "radius [m]", "deflection [mm]", lines)
-    spread = draw_shares("All directions that reach, 500 N lateral", "deflection [mm]", ranges, "directions")
     return [
-        PaperFigure(
-            "Deflection over the radius",
-            growth,
-            "Middle points of the cloud; constant springs of Table i, non-dexterous column.",
-        ),
-        PaperFigure(
-            "Spread around a point",
-            spread,
-            "One posture a direction, the least yielding branch and roll. The choice of direction decides.",
-        ),
-    ]
+        draw_figure("Deflection over the radius", Curves("", "radius [m]", "deflection [mm]", tuple(lines)),
+                    "Middle points of the cloud; constant springs of Table i, non-dexterous column."),
+        draw_shares("Spread around a point, 500 N lateral",
+                    "One posture a direction, the least yielding branch and roll. The choice of direction decides.",
+                    "deflection [mm]", "directions", ranges),
+    ]  # fmt: skip

@@ -92,7 +92,7 @@ def _read_numbers(text: str, file: Path, expected: Mapping[str, int]) -> list[fl
         except ValueError:
             values = []
         if len(values) != expected[name] or not np.isfinite(values).all():
-            wanted = "a finite number" if expected[name] == 1 else f"{expected[name]} finite numbers, one a joint"
+            wanted = "a finite number" if expected[name] == 1 else f"{expected[name]} finite numbers, one per joint"
             raise InputError(f"{name} is {words!r}, expected {wanted}", file=file, where=line)
         if name in found:
             raise InputError(f"{name} is given twice, expected once", file=file, where=line)
@@ -134,7 +134,7 @@ def find_zero_pose(robot: Robot) -> ZeroPose:
 
 
 def move_axes(nominal: Robot, wanted: ZeroPose, file: object) -> Robot:
-    """Return a robot with given axes and flange and the least change of its link frames.
+    """Move the axes and the flange of a robot, and its link frames as little as possible.
 
     Args:
         nominal: The robot, its flange fixed to its last link.

@@ -144,7 +144,7 @@ def _assemble(texts: Mapping[str, str], folder: Path) -> Robot:
     links, nq = [base, *(joint.child for joint in joints)], sum(joint.actuated for joint in joints)
     accelerations = table.acceleration_limits
     if accelerations is not None and len(accelerations) != nq:
-        message = f"has {len(accelerations)} numbers, expected {nq}, one a joint"
+        message = f"has {len(accelerations)} numbers, expected {nq}, one per joint"
         raise InputError(message, file=elasticity_file, where="acceleration_limits")
     return Robot(
         name=folder.name,

@@ -34,13 +34,12 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 import tomli_w
-from numpy.typing import NDArray
 from pydantic import Field
 
 from compplan.errors import InputError
+from compplan.io.quantities import shorten
+from compplan.io.tables import Array
 from compplan.io.tomlfile import Numbers, SchemaOne, StrictTable, Words, read_toml_model
-
-Array = NDArray[np.float64]
 
 FILE = "uncertainty.toml"
 #: Greatest number of parameters of a folder.
@@ -210,7 +209,7 @@ def read_uncertainty(file: Path) -> Uncertainty | None:
         if (first := seen.setdefault(place, index)) < index:
             raise InputError(f"repeats unknown[{first}], leave one out", file=file, where=where)
         if len(entry.deviation) != len(entry.keys):
-            message = f"has {len(entry.deviation)} numbers, expected {len(entry.keys)}, one a key"
+            message = f"has {len(entry.deviation)} numbers, expected {len(entry.keys)}, one per key"
             raise InputError(message, file=file, where=f"{where}.deviation")
         if len(set(entry.keys)) < len(entry.keys):
             raise InputError("names a parameter twice", file=file, where=f"{where}.keys")
@@ -238,19 +237,19 @@ def format_uncertainty(uncertainty: Uncertainty) -> str:
     """Return the text of uncertainty.toml with six digits; zero entries at the end of a matrix row are left out."""
     head: dict[str, Any] = {"schema": 1, "grade": uncertainty.grade, "source": uncertainty.source}
     if uncertainty.repeatability is not None:
-        head["repeatability_mm"] = short(uncertainty.repeatability * 1e3)
+        head["repeatability_mm"] = shorten(uncertainty.repeatability * 1e3)
     head["unexplained"] = {
-        "rms_mm": short(uncertainty.unexplained * 1e3), "scale_mm": short(uncertainty.scale * 1e3)
+        "rms_mm": shorten(uncertainty.unexplained * 1e3), "scale_mm": shorten(uncertainty.scale * 1e3)
     }  # fmt: skip
-    head["calibration"] = {"factor": short(uncertainty.calibration), "groups": int(uncertainty.groups)}
+    head["calibration"] = {"factor": shorten(uncertainty.calibration), "groups": int(uncertainty.groups)}
     lines, first = [tomli_w.dumps(head)], 0
     shape = uncertainty.factor.shape
     plain = shape[0] == shape[1] and not np.any(uncertainty.factor - np.diag(np.diag(uncertainty.factor)))
     for unknown in uncertainty.unknowns:  # texts and lists are the same in JSON and TOML
         table: dict[str, Any] = {"effect": unknown.effect, "joint": unknown.joint, "axis": unknown.axis}
-        table |= {"keys": list(unknown.keys), "deviation": [short(value) for value in unknown.deviation]}
+        table |= {"keys": list(unknown.keys), "deviation": [shorten(value) for value in unknown.deviation]}
         if not plain:
-            table["factor"] = [_shorten(row) for row in uncertainty.factor[first : first + len(unknown.keys)]]
+            table["factor"] = [_shorten_row(row) for row in uncertainty.factor[first : first + len(unknown.keys)]]
         lines.append("[[unknown]]")
         lines += [
             f"{key} = {json.dumps(value, ensure_ascii=False)}" for key, value in table.items() if value is not None
@@ -266,7 +265,7 @@ def _check_factor(entry: UnknownTable, file: Path, where: str) -> list[tuple[flo
     if entry.factor is None:
         return [None] * len(entry.keys)
     if len(entry.factor) != len(entry.keys):
-        message = f"has {len(entry.factor)} rows, expected {len(entry.keys)}, one a key"
+        message = f"has {len(entry.factor)} rows, expected {len(entry.keys)}, one per key"
         raise InputError(message, file=file, where=f"{where}.factor")
     for row in entry.factor:
         if not 0 < len(row) <= 2 * MOST_UNKNOWN:
@@ -289,12 +288,7 @@ def _fill_factor(rows: list[tuple[float, ...] | None]) -> Array:
     return factor
 
 
-def _shorten(row: Array) -> list[float]:
+def _shorten_row(row: Array) -> list[float]:
     """Return the numbers of a row up to the last significant one."""
     kept = np.where(np.abs(row) > NOTHING, row, 0.0)
-    return [short(value) for value in kept[: int(np.flatnonzero(kept).max(initial=0)) + 1]]
-
-
-def short(value: float) -> float:
-    """Round a number to the six digits that are written."""
-    return float(f"{float(value):.6g}")
+    return [shorten(value) for value in kept[: int(np.flatnonzero(kept).max(initial=0)) + 1]]

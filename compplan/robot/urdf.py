@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -203,6 +204,7 @@ class Urdf:
         return tuple(bodies)
 
 
+@lru_cache(maxsize=16)  # a command reads the same text many times
 def read_urdf(text: str, file: Path) -> Urdf:
     """Read a URDF.
 

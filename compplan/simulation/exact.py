@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import pinocchio as pin
+from scipy.linalg import block_diag
 
 from compplan.errors import ConvergenceError
 from compplan.robot import Array, Robot
@@ -120,11 +121,7 @@ class ExactRobotBuilder:
     def finish(self, tip: pin.SE3) -> ExactRobot:
         """Add the TCP relative to the current frame and return the exact model."""
         tcp = self.model.addFrame(pin.Frame("tcp", self.parent, 0, self.pending * tip, pin.FrameType.OP_FRAME))
-        size = sum(len(block) for block in self.blocks)
-        compliance, start = np.zeros((size, size)), 0
-        for matrix in self.blocks:
-            compliance[start : start + len(matrix), start : start + len(matrix)] = matrix
-            start += len(matrix)
+        compliance = block_diag(np.zeros((0, 0)), *self.blocks)
         select, shifts = np.array([row for row, _ in self.rows]), np.array([value for _, value in self.rows])
         lifts = self._add_masses()
         elastic = np.array(self.elastic, int)

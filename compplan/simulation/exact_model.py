@@ -43,7 +43,7 @@ def read_exact_robot(
     table = read_toml(folder / "elasticity.toml")
     tree = _Tree(urdf)
     names = tree.chain_to(table["tcp"])
-    flange = table.get("flange") or tree.default_flange(names)
+    flange = table.get("flange") or (tree.parent if tree.kind[names[-1]] == "fixed" else tree.child)[names[-1]]
     gravity = None if table.get("gravity") is None else np.array(table["gravity"], float)
     gravity = np.zeros(3) if moving else gravity
     masses, back = tree.masses(names), [] if table.get("part") is None or moving else tree.chain_to(table["part"])[::-1]
@@ -68,11 +68,12 @@ def read_exact_robot(
         builder.move(tree.placement[name].inverse())
     if back:
         builder.set_ground()
-    builder.hang(masses, tree.root(names))
+    builder.hang(masses, tree.parent[names[0]])
     for count, name in enumerate(names):
         builder.move(tree.placement[name])
         if tree.kind[name] != "fixed":
-            builder.drive(name, tree.axis[name], tree.kind[name] == "prismatic", *tree.driver(name))
+            driver = tree.mimic.get(name, (name, 1.0, 0.0))
+            builder.drive(name, tree.axis[name], tree.kind[name] == "prismatic", *driver)
         for spring in table.get("spring", ()):
             if spring["joint"] == name:
                 axis, slides = _direction(spring.get("axis", "own"), tree, name)
@@ -160,23 +161,13 @@ class _Tree:
         """Return the links from a joint's parent up to the root."""
         return [self.parent[name] for name in [*self.chain_to(self.parent[joint]), joint]]
 
-    def default_flange(self, names: list[str]) -> str:
-        return self.parent[names[-1]] if self.kind[names[-1]] == "fixed" else self.child[names[-1]]
-
-    def root(self, names: list[str]) -> str:
-        return self.parent[names[0]]
-
     def commanded(self, names: list[str]) -> list[str]:
         """Return the commanded joints, in order."""
         return [name for name in names if self.kind[name] != "fixed" and name not in self.mimic]
 
-    def driver(self, name: str) -> tuple[str, float, float]:
-        """Return the commanded joint that drives a joint, with factor and offset."""
-        return self.mimic.get(name, (name, 1.0, 0.0))
-
     def masses(self, names: list[str]) -> list[Mass]:
         """Return the masses on the links of a chain; those of other links at the link that carries them."""
-        chain, found = {self.root(names), *(self.child[name] for name in names)}, []
+        chain, found = {self.parent[names[0]], *(self.child[name] for name in names)}, []
         for link, mass, origin, inertia in self.inertials:
             words = {} if origin is None else origin.attrib
             xyz, rpy = (np.array(words.get(key, "0 0 0").split(), float) for key in ("xyz", "rpy"))

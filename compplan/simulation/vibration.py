@@ -40,7 +40,6 @@ class Dynamics:
     exact_robot: ExactRobot  #: Model without gravity.
     #: The same in the frame of the ground (inertial); different only if a positioner carries the part.
     inertial: ExactRobot
-    compliance: Array  #: Compliance of the elastic coordinates. Shape (s, s).
 
     @property
     def known(self) -> bool:
@@ -63,11 +62,7 @@ def build_dynamics(robot: Robot) -> Dynamics:
     """Build the dynamics of a robot with all bodies of its URDF and the tool."""
     weightless = replace(robot, gravity=np.zeros(3), weights=())
     exact_robot = build_exact_robot(weightless)
-    return Dynamics(
-        exact_robot,
-        build_exact_robot(weightless, inertial=True) if robot.ground else exact_robot,
-        exact_robot.compliance,
-    )
+    return Dynamics(exact_robot, build_exact_robot(weightless, inertial=True) if robot.ground else exact_robot)
 
 
 def natural_frequencies(dynamics: Dynamics, q: Array, count: int = 2) -> Array:
@@ -89,7 +84,7 @@ def find_modes(dynamics: Dynamics, q: Array, count: int) -> list[ModeShapes]:
         tip = pin.computeFrameJacobian(exact_robot.model, data, configuration, exact_robot.tcp, world)[
             :3, exact_robot.elastic
         ]
-        square, shapes = np.linalg.eig(dynamics.compliance @ mass)
+        square, shapes = np.linalg.eig(exact_robot.compliance @ mass)
         order = np.argsort(square.real)[::-1][:count]
         order = order[square.real[order] > 1e-12]
         way = shapes.real[:, order]

@@ -237,9 +237,9 @@ def locate_frames(chain: Chain, q: Array, theta: Array | None = None) -> Frames:
     return frames
 
 
-def chunks(n: int) -> Iterator[slice]:
+def chunks(n: int, size: int = CHUNK) -> Iterator[slice]:
     """Divide n poses into parts that fit the cache."""
-    return (slice(start, min(start + CHUNK, n)) for start in range(0, n, CHUNK))
+    return (slice(start, min(start + size, n)) for start in range(0, n, size))
 
 
 def empty_frames(chain: Chain, n: int) -> Frames:

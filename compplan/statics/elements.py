@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from compplan.robot import Array, Body, Joint, Robot, Spring
 from compplan.robot.pose import build_pose
@@ -80,15 +81,6 @@ class ElementRow:
             centre = self.pending[:3, :3] @ body.centre + self.pending[:3, 3]
             self.bodies.append((len(self.elements) - 1, body.mass, centre))
 
-    def _compliance(self) -> Array:
-        """Return the block-diagonal compliance. Shape (s, s)."""
-        whole, first = np.zeros((len(self.actuator), len(self.actuator))), 0
-        for block in self.blocks:
-            last = first + len(block)
-            whole[first:last, first:last] = block
-            first = last
-        return whole
-
     def arrays(self, robot: Robot) -> dict[str, Any]:
         """Return the fields of the chain."""
         names, poses, axes, translates, q, multiplier, offset, theta = zip(*self.elements, strict=True)
@@ -110,7 +102,7 @@ class ElementRow:
             "body_element": np.array([body[0] for body in self.bodies], int),
             "mass": np.array([body[1] for body in self.bodies], float),
             "centre": np.array([body[2] for body in self.bodies], float).reshape(-1, 3),
-            "compliance": self._compliance(),
+            "compliance": block_diag(np.zeros((0, 0)), *self.blocks),
             "gravity": np.zeros(3) if down is None else np.asarray(down, float),
             "actuator": np.array(self.actuator, bool),
             "link_share": np.array(self.link_share, float),

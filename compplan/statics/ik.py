@@ -403,7 +403,7 @@ def _solve_numerically(arm: Arm, position: Array, rotation: Array, held: Array) 
     """Return waypoint and joint positions of solutions from many starts, continued to the waypoints between."""
     n = len(position)
     anchors = np.unique(np.r_[np.arange(0, n, STRIDE), n - 1])
-    starts = _random_starts(arm, 96)
+    starts = sample_limits(arm.robot, 96)
     rows = np.repeat(anchors, len(starts))
     q = np.tile(starts, (len(anchors), 1))
     q[:, arm.held] = held[rows]
@@ -417,12 +417,12 @@ def _solve_numerically(arm: Arm, position: Array, rotation: Array, held: Array) 
     return all_rows, refine_ik(arm, start, position[all_rows], rotation[all_rows], iterations=30)
 
 
-def _random_starts(arm: Arm, count: int) -> Array:
+def sample_limits(robot: Robot, count: int) -> Array:
+    """Sample joint positions evenly inside the limits, at most half a turn from zero. Shape (count, nq). [rad or m]"""
     from scipy.stats import qmc
 
-    low = np.maximum(arm.robot.lower, -np.pi)
-    high = np.minimum(arm.robot.upper, np.pi)
-    return low + qmc.Halton(arm.chain.nq, seed=0).random(count) * (high - low)
+    low, high = np.maximum(robot.lower, -np.pi), np.minimum(robot.upper, np.pi)
+    return np.asarray(low + qmc.Halton(robot.nq, seed=0).random(count) * (high - low))
 
 
 def _keep_distinct(

@@ -23,7 +23,7 @@ from typing import NamedTuple
 import numpy as np
 
 from compplan.robot import Array
-from compplan.statics.chain import Chain, Frames, drive_columns, jacobian, locate_frames
+from compplan.statics.chain import Chain, Frames, chunks, drive_columns, jacobian, locate_frames
 from compplan.statics.elastic import load_derivative, load_hessian, locate_loaded, solve_equilibrium
 
 CHUNK = 2048
@@ -181,7 +181,5 @@ def loaded_jacobian(chain: Chain, frames: Frames, wrench: Array) -> Array:
 
 
 def chunk_rows(n: int, chain: Chain) -> Iterator[slice]:
-    """Divide n poses into parts that fit the cache."""
-    size = max(64, int(CHUNK * 12 / (len(chain.names) + 1)))
-    for start in range(0, n, size):
-        yield slice(start, min(start + size, n))
+    """Divide n poses into parts whose derivatives fit the cache."""
+    return chunks(n, max(64, int(CHUNK * 12 / (len(chain.names) + 1))))

@@ -12,11 +12,11 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from compplan.io.tables import Array
+
 Terms = list[tuple[int, "Array | float"]]
-"""A linear combination: which components, with which coefficients (numbers, or one a pose)."""
+"""A linear combination: which components, with which coefficients (numbers, or one per pose)."""
 
 Components = Sequence[Array] | Array
 """Three components, each of shape (n,) or (1,)."""

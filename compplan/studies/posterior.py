@@ -21,11 +21,7 @@ from compplan.robot import Array, Robot
 from compplan.robot.uncertainty import Uncertainty
 from compplan.uncertainty.assumed import robot_uncertainty
 from compplan.uncertainty.band import Slopes
-from compplan.uncertainty.sensitivities import (
-    ForceSpread,
-    measure_slopes,
-    tie_force,
-)
+from compplan.uncertainty.sensitivities import ForceSpread, measure_slopes, tie_force
 from compplan.uncertainty.touch_off import TouchedPart
 
 #: Modes of the unexplained error per axis.

@@ -134,7 +134,7 @@ def fingerprint_study(study: Study, settings: dict[str, Any]) -> str:
     digest.update(json.dumps(about, sort_keys=True).encode())
     digest.update(study.noise.model_dump_json().encode())
     at = study.context
-    arrays: list[Array] = [study.nominal, at.wrench, at.shift, at.scale, study.task.chain.compliance]
+    arrays: list[Array] = [study.nominal, at.wrench, at.shift, study.task.chain.compliance]
     arrays += [at.link_share, 1e9 * at.posterior.root]
     for name, command in study.commands.items():
         digest.update(name.encode())

@@ -19,11 +19,7 @@ from scipy.spatial.transform import Rotation
 from scipy.special import ndtri
 from scipy.stats import qmc
 
-from compplan.effects import (
-    build_model,
-    command_campaign,
-    solve_model_poses,
-)
+from compplan.effects import build_model, command_campaign, solve_model_poses
 from compplan.job.noise import EXPANSION, NoiseTable
 from compplan.planning.task import PlanTask
 from compplan.robot import Array, Robot
@@ -37,12 +33,13 @@ from compplan.studies.posterior import (
 )
 from compplan.toolpath.toolpath import interpolate
 from compplan.uncertainty.assumed import robot_uncertainty
-from compplan.uncertainty.motion import read_placement
 from compplan.uncertainty.sensitivities import CORRELATION, ForceSpread, build_path_model, pick_rows
+from compplan.uncertainty.touch_off import spread_placement
 
 #: Knots of the noise along the path per correlation length, and their greatest number.
 KNOTS, MOST_KNOTS = 10, 20000
-_PATH, _ENCODERS, _FORCE = range(3)
+#: Factors that are the seed of a noise along the path.
+NOISES = ("wrench_path", "encoders", "force_noise")
 #: Standard deviation of motor-side encoders (assumed: 17 bits behind a gear, far finer than its mounting) and of
 #: link-side ones (assumed: a ring of 20 bits with its mounting error). [deg]
 ENCODERS = (0.0003, 0.0008)
@@ -67,10 +64,9 @@ class SampleContext:
     wrench: Array  #: Predicted wrench. Shape (6, n). [N, N m]
     nq: int  #: Number of joints.
     link_share: Array  #: Share of each compliance beyond the link-side encoder. Shape (s,).
-    #: Motion of the tip per thermal growth, placement of the part and coordinate of the robot. Shape (k, 3, n). [m per
-    #: 1, m, rad, 1]
+    #: Motion of the tip by thermal growth, placement of the part and coordinates of the robot, per unit of growth and
+    #: per standard deviation of the others. Shape (k, 3, n). [m]
     shift: Array
-    scale: Array  #: Standard deviation of each cause. Shape (k,). [1, m, rad, 1]
     knot: Array  #: Position of each waypoint among the knots of the noise along the path. Shape (n,).
     forget: float  #: Correlation of the noise at neighbouring knots.
     repeatability: float  #: Standard deviation per axis. [m]
@@ -84,7 +80,7 @@ class SampledRobots(NamedTuple):
     link_share: Array  #: Share of each compliance beyond the link-side encoder. Shape (s, b).
     zero: Array  #: True minus read position of each joint. Shape (nq, b). [rad or m]
     drive: Array  #: Link-side minus motor-side position, without deflection. Shape (nq, b, n). [rad or m]
-    causes: Array  #: Thermal growth, placement of the part, coordinates of the robot. Shape (k, b). [1, m, rad, 1]
+    causes: Array  #: Thermal growth, coordinates of the placement of the part and of the robot. Shape (k, b).
     shift: Array  #: Motion of the tip due to `causes`, at the posture of the task. Shape (3, b, n). [m]
     wrench: Array  #: Wrench on the tool. Shape (6, b, n). [N, N m]
     repeat: Array  #: Scatter of the tip from part to part. Shape (3, b). [m]
@@ -100,15 +96,13 @@ def build_context(
     length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(task.position, axis=0), axis=1))])
     knots = min(int(np.ceil(length[-1] / CORRELATION * KNOTS)) + 2, MOST_KNOTS)
     spacing = max(length[-1], 1e-9) / (knots - 1)
-    shift, scale = differentiate_placements(task, noise)
     return SampleContext(
         noise=noise,
         factors=factors,
         wrench=np.ascontiguousarray(task.wrench.T),
         nq=task.robot.nq,
         link_share=task.chain.link_share,
-        shift=shift,
-        scale=scale,
+        shift=differentiate_placements(task, noise),
         knot=np.minimum(length / spacing, knots - 1.000001),
         forget=float(np.exp(-spacing / CORRELATION)),
         repeatability=robot_uncertainty(task.robot).repeatability or 0.0,
@@ -116,19 +110,18 @@ def build_context(
     )
 
 
-def differentiate_placements(task: PlanTask, noise: NoiseTable) -> tuple[Array, Array]:
-    """Return the motion of the tip by thermal growth, part frame and robot, (k, 3, n), and their sigmas, (k,).
+def differentiate_placements(task: PlanTask, noise: NoiseTable) -> Array:
+    """Return the motion of the tip by thermal growth, placement of the part and robot. Shape (k, 3, n). [m]
 
-    Growth is differentiated on the unloaded robot: the load changes it only by the relative deflection.
+    Growth is differentiated on the unloaded robot: the load changes it only by the relative deflection. An absolute
+    part frame has the assumed deviations of `noise` if none are stated.
     """
-    parts = [grow_arm(task.robot, task.q_start)]
-    scale = [noise.temperature_K * EXPANSION]
-    if task.touched is not None and read_placement(noise) is None:
-        parts += list(np.moveaxis(task.touched.spread_part(task.position), 2, 0))
-        scale += [1.0] * 6
-    else:
-        parts += list(np.moveaxis(rigid_columns(task.position, task.position.mean(axis=0)), 2, 0))
-        scale += [noise.part_frame_mm * 1e-3] * 3 + [float(np.radians(noise.part_frame_deg))] * 3
+    middle = task.position.mean(axis=0)
+    placed = spread_placement(noise, task.touched, task.position, middle)
+    if placed is None:
+        width = [noise.part_frame_mm * 1e-3, np.radians(noise.part_frame_deg)]
+        placed = rigid_columns(task.position, middle) * np.repeat(width, 3)
+    parts = [grow_arm(task.robot, task.q_start), *np.moveaxis(placed, 2, 0)]
     rows = pick_rows(np.ones(len(task), bool), STATIONS)
     scene = build_path_model(task.robot, task.q_start, task.wrench, task.step_time)
     posterior = build_posterior(task.robot, task.q_start, np.zeros((task.robot.nq, len(task))))
@@ -137,7 +130,7 @@ def differentiate_placements(task: PlanTask, noise: NoiseTable) -> tuple[Array, 
         *move_by_smooth_errors(task.position[rows], robot_uncertainty(task.robot), task.touched),
     ]
     parts += [interpolate(np.arange(len(task)), rows, values) for values in drawn]
-    return np.ascontiguousarray(np.swapaxes(np.array(parts), 1, 2)), np.array(scale + [1.0] * len(drawn))
+    return np.ascontiguousarray(np.swapaxes(np.array(parts), 1, 2))
 
 
 def grow_arm(robot: Robot, q: Array) -> Array:
@@ -159,18 +152,19 @@ def sample_robots(at: SampleContext, points: Array) -> SampledRobots:
     share = np.repeat(at.link_share[:, None], len(points), axis=1)
     unsure = (at.link_share > 0.0) & (at.link_share < 1.0)
     share[unsure] = np.clip(share[unsure] + noise.link_share * take("link_share"), 0.0, 1.0)
-    moving = ("temperature", "part_frame")
     robot = take("posterior")
-    causes = np.vstack([*(take(name) for name in moving), robot])
-    causes *= at.scale[:, None]
-    bias, noises, drift = take("force_bias"), _Noises(at, points), DRIFT * noise.force_noise_N
+    growth = noise.temperature_K * EXPANSION * take("temperature")
+    causes = np.vstack([growth, take("part_frame"), robot])
+    bias, drift = take("force_bias"), DRIFT * noise.force_noise_N
     shares = np.vstack([take("wrench_level"), take("wrench_direction")])
-    shares = at.posterior.push(robot, shares)
-    wrench = _draw_wrench(at, shares, noises)
-    force = noises.white(_FORCE, "force_noise", 0, 6)
+    wrench = _draw_wrench(at, at.posterior.push(robot, shares), points)
+    force = _draw_white(at, points, "force_noise", (6, at.wrench.shape[1]))
     force *= _six(noise.force_noise_N, NOISE_ARM * noise.force_noise_N)
-    force += (bias[:6, :, None] * _six(drift, BIAS_ARM * drift)
-              + GAIN * bias[6, :, None] * wrench)  # fmt: skip
+    force += bias[:6, :, None] * _six(drift, BIAS_ARM * drift) + GAIN * bias[6, :, None] * wrench
+    motor, link = (
+        np.radians(size) * _draw_white(at, points, "encoders", (at.nq, at.wrench.shape[1]), side)
+        for side, size in enumerate(ENCODERS)
+    )
     zero = np.zeros((at.nq, len(points)))
     at.posterior.draw(robot, factor, zero)
     return SampledRobots(
@@ -182,8 +176,8 @@ def sample_robots(at: SampleContext, points: Array) -> SampledRobots:
         shift=shift_tip(causes, at.shift),
         wrench=wrench,
         repeat=at.repeatability * take("repeatability"),
-        motor=noises.encoder(0),
-        link=noises.encoder(1),
+        motor=motor,
+        link=link,
         force=force,
     )
 
@@ -193,7 +187,7 @@ def shift_tip(causes: Array, rates: Array) -> Array:
     return np.einsum("kb,kin->ibn", causes, rates, optimize=False)
 
 
-def _draw_wrench(at: SampleContext, shares: Array, noises: _Noises) -> Array:
+def _draw_wrench(at: SampleContext, shares: Array, points: Array) -> Array:
     """Draw the wrench on the tool: level and direction per sample, and a variation along the path.
 
     shares: level and rotations, in standard deviations. Shape (4, b).
@@ -202,7 +196,7 @@ def _draw_wrench(at: SampleContext, shares: Array, noises: _Noises) -> Array:
     turn = Rotation.from_rotvec(np.radians(noise.wrench_direction_deg) * shares[1:].T).as_matrix()
     level = 1.0 + noise.wrench_level * shares[0]
     turned = np.concatenate([np.einsum("bij,jn->ibn", turn, half) for half in (at.wrench[:3], at.wrench[3:])])
-    turned *= level[:, None] + noise.wrench_path * noises.along_path()
+    turned *= level[:, None] + noise.wrench_path * _draw_along_path(at, points)
     return turned
 
 
@@ -210,40 +204,27 @@ def _six(force: float, moment: float) -> Array:
     return np.repeat([force, moment], 3)[:, None, None]
 
 
-class _Noises:
-    """Noise along the path, seeded by the points: independent of the position of a point in its batch."""
+def _draw_white(at: SampleContext, points: Array, factor: str, shape: tuple[int, int], part: int = 0) -> Array:
+    """Draw white noise seeded by a coordinate of each point, its own for every part. Shape (rows, b, columns).
 
-    def __init__(self, at: SampleContext, points: Array) -> None:
-        self.at = at
-        self.points = points
-        self.n = at.wrench.shape[1]
+    It is independent of the position of a point in its batch. shape: rows and columns.
+    """
+    column = at.factors.columns[factor].start
+    drawn = np.empty((shape[0], len(points), shape[1]))
+    for b, point in enumerate(points):
+        key = np.random.SeedSequence([int(point[column] * 2.0**53), NOISES.index(factor), part])
+        drawn[:, b] = np.random.Generator(np.random.SFC64(key)).standard_normal(shape)
+    return drawn
 
-    def _fill(self, kind: int, factor: str, part: int, shape: tuple[int, int]) -> Array:
-        column = self.at.factors.columns[factor].start
-        drawn = np.empty((shape[0], len(self.points), shape[1]))
-        for b, point in enumerate(self.points):
-            key = np.random.SeedSequence([int(point[column] * 2.0**53), kind, part])
-            drawn[:, b] = np.random.Generator(np.random.SFC64(key)).standard_normal(shape)
-        return drawn
 
-    def white(self, kind: int, factor: str, part: int, rows: int) -> Array:
-        """Draw white noise. Shape (rows, b, n)."""
-        return self._fill(kind, factor, part, (rows, self.n))
-
-    def along_path(self) -> Array:
-        """Draw noise of variance 1 that is correlated along the path. Shape (b, n)."""
-        at = self.at
-        forget, knots = at.forget, int(at.knot[-1]) + 2
-        white = self._fill(_PATH, "wrench_path", 0, (1, knots))[0]
-        white[:, 1:] *= np.sqrt(1.0 - forget**2)
-        coloured = lfilter([1.0], [1.0, -forget], white, axis=-1)
-        before = at.knot.astype(int)
-        share = at.knot - before
-        return np.asarray(coloured[:, before] * (1.0 - share) + coloured[:, before + 1] * share)
-
-    def encoder(self, side: int) -> Array:
-        """Draw the errors of motor-side (0) or link-side (1) encoders. Shape (nq, b, n). [rad]"""
-        return np.radians(ENCODERS[side]) * self.white(_ENCODERS, "encoders", side, self.at.nq)
+def _draw_along_path(at: SampleContext, points: Array) -> Array:
+    """Draw noise of variance 1 that is correlated along the path. Shape (b, n)."""
+    white = _draw_white(at, points, "wrench_path", (1, int(at.knot[-1]) + 2))[0]
+    white[:, 1:] *= np.sqrt(1.0 - at.forget**2)
+    coloured = lfilter([1.0], [1.0, -at.forget], white, axis=-1)
+    before = at.knot.astype(int)
+    share = at.knot - before
+    return np.asarray(coloured[:, before] * (1.0 - share) + coloured[:, before + 1] * share)
 
 
 @dataclass(frozen=True)
@@ -251,21 +232,7 @@ class Factors:
     """The coordinates of a sample."""
 
     columns: Mapping[str, slice]  #: Columns of the point, by factor.
-    groups: Mapping[str, tuple[str, ...]]  #: Factors, by group of the sensitivity analysis.
-
-    @property
-    def size(self) -> int:
-        """Return the number of coordinates."""
-        return max(part.stop for part in self.columns.values())
-
-    def group_names(self) -> list[str]:
-        """Return the name of the group of every coordinate, empty for none. Length `size`."""
-        names = [""] * self.size
-        for group, factors in self.groups.items():
-            for factor in factors:
-                for column in range(self.columns[factor].start, self.columns[factor].stop):
-                    names[column] = group
-        return names
+    groups: tuple[str, ...]  #: Group of every coordinate in the sensitivity analysis; empty: no uncertainty.
 
 
 def list_factors(robot: Robot, noise: NoiseTable) -> Factors:
@@ -285,13 +252,11 @@ def list_factors(robot: Robot, noise: NoiseTable) -> Factors:
         "force_noise": (1, "force_sensor", 1.0),
         "posterior": (count_coordinates(robot), "robot", 1.0),
     }
-    columns, groups, start = dict[str, slice](), dict[str, tuple[str, ...]](), 0
+    columns, groups = dict[str, slice](), list[str]()
     for name, (size, group, level) in factors.items():
-        columns[name] = slice(start, start + size)
-        start += size
-        if size > 0 and level > 0.0:
-            groups[group] = (*groups.get(group, ()), name)
-    return Factors(columns, groups)
+        columns[name] = slice(len(groups), len(groups) + size)
+        groups += [group if level > 0.0 else ""] * size
+    return Factors(columns, tuple(groups))
 
 
 def draw_points(factors: Factors, seed: int, replicates: int, samples: range) -> Array:
@@ -300,12 +265,12 @@ def draw_points(factors: Factors, seed: int, replicates: int, samples: range) ->
     The replicates are scrambled independently, so that their scatter gives intervals of means [Owen1995]. `samples` is
     a contiguous range. Shape (len(samples), size).
     """
-    points = np.empty((len(samples), factors.size))
+    points = np.empty((len(samples), len(factors.groups)))
     for replicate in range(replicates):
         rows = [i for i in samples if i % replicates == replicate]
         if not rows:
             continue
-        engine, first = _scramble_sequence(factors.size, seed, replicate), rows[0] // replicates
+        engine, first = _scramble_sequence(len(factors.groups), seed, replicate), rows[0] // replicates
         if engine.num_generated > first:
             engine.reset()
         with warnings.catch_warnings():

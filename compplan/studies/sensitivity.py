@@ -54,11 +54,10 @@ def measure_sensitivity(
 ) -> Sensitivity | None:
     """Estimate total Sobol indices by group; None for fewer than two groups. base: base points, a power of two."""
     thin = thin_study(study, WAYPOINTS)
-    factors = thin.context.factors
-    if len(factors.groups) < 2:
+    names = thin.context.factors.groups
+    groups = tuple(dict.fromkeys(filter(None, names)))
+    if len(groups) < 2:
         return None
-    names = factors.group_names()
-    groups = tuple(dict.fromkeys(name for name in names if name))
     points = design_points(np.array(names, dtype=object), groups, base, seed)
     found, _ = evaluate_chunks(
         thin, len(points), lambda rows: points[rows.start : rows.stop],

@@ -185,7 +185,7 @@ def _prepare_command(task: PlanTask, answer: Command, selection: Array, noise: N
         spring_factor=np.where(between, spring_gain @ np.abs(selection), 1.0),
         theta=np.ascontiguousarray(state.loaded.theta.T),
         offset=offset,
-        placements=differentiate_placements(replace(task, q_start=answer.q), noise)[0] if elsewhere else None,
+        placements=differentiate_placements(replace(task, q_start=answer.q), noise) if elsewhere else None,
     )
 
 
@@ -258,10 +258,5 @@ def _cut_part(study: Study, command: PreparedCommand, robots: SampledRobots, q: 
     if study.touch is not None:
         found = found + move_part(study.touch, study.kernel, robots, scale, command.spring_gain, study.nominal)
     moved = shift + robots.repeat[:, :, None] + command.offset[:, None, :] - found
-
-    def attain(wrench: Array) -> Array:
-        flat = wrench.reshape(6, -1)
-        tips = solve_tips(study.kernel, true.reshape(len(true), -1), flat, factor, theta)
-        return np.asarray(tips.reshape(3, b, n) + moved)
-
-    return attain(robots.wrench)
+    tips = solve_tips(study.kernel, true.reshape(len(true), -1), robots.wrench.reshape(6, -1), factor, theta)
+    return np.asarray(tips.reshape(3, b, n) + moved)

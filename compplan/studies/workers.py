@@ -137,12 +137,12 @@ def _compute_in_processes(
             file = Path(folder) / "study"
             file.write_bytes(pickle.dumps(study))
             todo = iter(numbers)
-            running = {pool.submit(_evaluate_stored, file, points(n)): n for n in islice(todo, ahead)}
+            running = {pool.submit(_evaluate_packed, file, points(n)): n for n in islice(todo, ahead)}
             while running:
                 ready, _ = wait(running, return_when=FIRST_COMPLETED)
                 for future in ready:
                     for number in islice(todo, 1):
-                        running[pool.submit(_evaluate_stored, file, points(number))] = number
+                        running[pool.submit(_evaluate_packed, file, points(number))] = number
                     yield running.pop(future), future.result()
     except BrokenProcessPool:
         message = "a worker process died; run again to go on with what is left, with fewer --workers if memory ran out"
@@ -150,14 +150,15 @@ def _compute_in_processes(
 
 
 @lru_cache(maxsize=2)
-def _read_study(file: Path) -> Study:
-    return pickle.loads(file.read_bytes())
+def _unpack(packed: bytes | Path) -> Study:
+    return pickle.loads(packed if isinstance(packed, bytes) else packed.read_bytes())
 
 
-def _evaluate_stored(file: Path, points: Array) -> ChunkResult:
+def _evaluate_packed(packed: bytes | Path, points: Array) -> ChunkResult:
+    """Evaluate points of a pickled study, or of one in a file."""
     from compplan.studies.study import evaluate_points
 
-    return evaluate_points(_read_study(file), points)
+    return evaluate_points(_unpack(packed), points)
 
 
 def start_worker() -> None:
@@ -276,14 +277,3 @@ def _collect(client: Any, study: Study, numbers: list[int], points: Callable[[in
 
 def _hand_over(packed: bytes) -> bytes:
     return packed
-
-
-@lru_cache(maxsize=2)
-def _unpack(packed: bytes) -> Study:
-    return pickle.loads(packed)
-
-
-def _evaluate_packed(packed: bytes, points: Array) -> ChunkResult:
-    from compplan.studies.study import evaluate_points
-
-    return evaluate_points(_unpack(packed), points)

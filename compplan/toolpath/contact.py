@@ -69,10 +69,7 @@ def path_axes(nominal: Toolpath) -> Array:
     chosen = cutting if cutting.any() else known
     if not chosen.any():
         return tool_axes(nominal, None) * np.array([1.0, -1.0, -1.0])
-    x = across[last_set(chosen)]
-    x = x - np.sum(x * nominal.axis, axis=1, keepdims=True) * nominal.axis
-    x /= np.linalg.norm(x, axis=1, keepdims=True)
-    return np.stack([x, np.cross(nominal.axis, x), nominal.axis], axis=2)
+    return turn_about_axis(across[last_set(chosen)], -nominal.axis)
 
 
 def lateral_share(nominal: Toolpath) -> Array:
@@ -114,12 +111,8 @@ def tool_axes(nominal: Toolpath, tool_x: Array | None) -> Array:
     Shape (n, 3, 3).
     """
     wanted = np.array([1.0, 0.0, 0.0]) if tool_x is None else np.asarray(tool_x, dtype=np.float64)
-    z = -nominal.axis
-    x = wanted - (z @ wanted)[:, None] * z
-    spare = np.array([0.0, 1.0, 0.0]) - z[:, 1:2] * z
-    x = np.where(np.linalg.norm(x, axis=1, keepdims=True) > 1e-6, x, spare)
-    x /= np.linalg.norm(x, axis=1, keepdims=True)
-    return np.stack([x, np.cross(z, x), z], axis=2)
+    beside = np.linalg.norm(np.cross(nominal.axis, wanted), axis=1, keepdims=True) > 1e-6
+    return turn_about_axis(np.where(beside, wanted, [0.0, 1.0, 0.0]), nominal.axis)
 
 
 def check_tool_x(nominal: Toolpath, tool_x: Array, file: Path | None = None) -> None:

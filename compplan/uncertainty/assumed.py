@@ -10,18 +10,16 @@ import numpy as np
 from compplan.effects import EFFECTS
 from compplan.effects.checks import check_effect
 from compplan.effects.forward_model import own_springs
+from compplan.effects.joint_stiffness import RIGID_SCALE, compliance_key
 from compplan.effects.signature import pack_parameters
 from compplan.errors import InputError, UnknownNameError
-from compplan.robot import Robot
+from compplan.robot import Joint, Robot
 from compplan.robot.uncertainty import FILE, Uncertainty, Unknown, split_unknowns
 
 #: Relative standard deviation of a compliance by the folder's grade (assumed: force models of identified robots explain
 #: some 90 % of the deflection, machines of one type differ by some 20 %; scaled: three sourced arms scatter by .4 to .6
 #: about the rule of docs/robots.md in joints 1 to 4; placeholder: more than that).
 COMPLIANCE = {"identified": 0.10, "literature": 0.20, "scaled": 0.50, "placeholder": 0.80}
-#: Compliance scale of a revolute [rad/Nm] and a prismatic [m/N] joint that is rigid in the model; multiplied by
-#: `COMPLIANCE` it is the standard deviation (assumed: joint of a medium robot).
-RIGID = {"revolute": 1e-6, "prismatic": 1e-7}
 #: Standard deviations of zeros [deg], lengths [mm] and directions [deg] of a calibrated arm, and of one as delivered
 #: (assumed: together some .15 and .6 mm at two metres, as robot calibration reports).
 CALIBRATED, DELIVERED = (0.003, 0.03, 0.001), (0.010, 0.10, 0.003)
@@ -115,15 +113,9 @@ def check_uncertainty(robot: Robot, known: Uncertainty) -> None:
 def assume_uncertainty(robot: Robot) -> Uncertainty:
     """Return uncertainty assumed by the folder's grade: springs, zeros, lengths, directions, backlash, gears, tool."""
     unknowns = [*_springs(robot, COMPLIANCE[robot.grade]), *assume_geometry(robot), *_drives(robot), _tool()]
-    grade = "literature" if robot.grade == "literature" else "assumed"
-    source = f"uncertainty of the robot model assumed ({robot.grade}; the robot folder has no {FILE})"
-    return _assume(robot, grade, source, unknowns)
-
-
-def _assume(robot: Robot, grade: str, source: str, unknowns: list[Unknown]) -> Uncertainty:
     return Uncertainty(
-        grade=grade,
-        source=source,
+        grade="literature" if robot.grade == "literature" else "assumed",
+        source=f"uncertainty of the robot model assumed ({robot.grade}; the robot folder has no {FILE})",
         unknowns=tuple(unknowns),
         factor=np.eye(sum(len(unknown.keys) for unknown in unknowns)),
         unexplained=UNEXPLAINED,
@@ -156,13 +148,16 @@ def _widths(robot: Robot) -> tuple[float, float, float]:
     return CALIBRATED if calibrated else DELIVERED
 
 
+def _joint_spring(joint: Joint, width: float) -> Unknown:
+    return Unknown("joint_stiffness", joint.name, None, (compliance_key(joint.kind),), np.array([width]))
+
+
 def _springs(robot: Robot, share: float) -> list[Unknown]:
     own, found = own_springs(robot), list[Unknown]()
     taken = {spring.spring for spring in own.values()}
     for index, joint in enumerate(robot.actuated):
-        key = "compliance_change_m_per_N" if joint.kind == "prismatic" else "compliance_change_rad_per_Nm"
-        size = own[index].compliance if index in own else RIGID[joint.kind]
-        found.append(Unknown("joint_stiffness", joint.name, None, (key,), np.array([share * size])))
+        size = own[index].compliance if index in own else RIGID_SCALE[joint.kind]
+        found.append(_joint_spring(joint, share * size))
     for number, spring in enumerate(robot.springs):
         if number not in taken and spring.axis != "own":
             key = "compliance_m_per_N" if spring.axis[0] == "t" else "compliance_rad_per_Nm"
@@ -201,9 +196,7 @@ def assume_held(robot: Robot, named: Sequence[Unknown]) -> list[Unknown]:
     for index, spring in own_springs(robot).items():
         joint = robot.actuated[index]
         if joint.name not in told and spring.compliance > 0:
-            key = "compliance_change_m_per_N" if joint.kind == "prismatic" else "compliance_change_rad_per_Nm"
-            width = np.array([HELD * spring.compliance])
-            found.append(Unknown("joint_stiffness", joint.name, None, (key,), width))
+            found.append(_joint_spring(joint, HELD * spring.compliance))
     return found
 
 

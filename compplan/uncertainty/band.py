@@ -288,10 +288,11 @@ def estimate_band(
         farther = find_farthest(drawn + uncorrected[slopes.rows][:, :, None]) - find_farthest(drawn)
         everywhere = along + farther + float(written[cut].max(initial=0.0))
         before = (widest + between, max(widest, everywhere) + between)
+    alone = {name: band_radius(value, mean=mean if name == "motion" else None) for name, value in spread.items()}
     ladder, cheapest = _climb(scene, slopes, known, force, parts, left, whole, between, touchable, tolerance)
     return ErrorBand(
         radius=radius + left,
-        parts={name: band_radius(value, mean=mean if name == "motion" else None) for name, value in spread.items()},
+        parts=alone,
         covariance=total,
         cut=cut,
         between=between,
@@ -304,7 +305,7 @@ def estimate_band(
         cheapest=cheapest,
         assumed=(*list_assumed(robot), *([f"force: {force.source}"] if "assumed" in force.source else []),
                  *([f"inertia and vibration: {motion.source}"] if motion is not None else [])),
-        causes=name_causes(slopes, known, parts),
+        causes=name_causes(slopes, known, radius, alone),
         motion=motion,
     )  # fmt: skip
 
@@ -423,25 +424,21 @@ def draw_columns(columns: Array, normal: Array) -> Array:
     return np.asarray((root @ (vector @ (drawn / np.sqrt(value)[:, None]))).reshape(len(columns), 3, -1))
 
 
-def name_causes(slopes: Slopes, known: Uncertainty, parts: Mapping[str, Array]) -> dict[str, float]:
-    """Return the band at its widest row due to each cause alone, with parameters grouped by kind. [m]"""
+def name_causes(slopes: Slopes, known: Uncertainty, radius: Array, alone: Mapping[str, Array]) -> dict[str, float]:
+    """Return the band at its widest linearised row due to each cause alone, with parameters grouped by kind. [m]
+
+    radius: band, (n,) [m]; alone: that of each contribution, (n,) each. [m]
+    """
     if not len(slopes.rows):
         return {}
-    mean = slopes.moved.mean(axis=0) if len(slopes.moved) else np.zeros((len(slopes.rows), 3))
-    variance = np.trace(sum(parts.values(), np.zeros((1, 3, 3))), axis1=1, axis2=2)
-    widest = int((variance + (mean**2).sum(axis=1)).argmax())
-    found = {words: parts[name][widest] for name, words in OTHER_CAUSES.items()}
+    row = int(radius[slopes.rows].argmax())
+    found = {words: float(alone[name][slopes.rows[row]]) for name, words in OTHER_CAUSES.items()}
     words = {effect: name for name, effects in CAUSES.items() for effect in effects}
-    kinds = [words.get(unknown.effect, unknown.effect.replace("_", " ")) for unknown in known.unknowns]
-    kind = np.repeat(np.array(kinds, dtype=object), [len(unknown.keys) for unknown in known.unknowns])
-    for name in dict.fromkeys(kinds):
-        moved = slopes.model[widest][:, kind == name] @ known.spread[kind == name]
-        found[name] = moved @ moved.T
-    moved = OTHER_CAUSES["motion"]
-    return {
-        name: float(band_radius(part[None], mean=mean[[widest]] if name == moved else None)[0])
-        for name, part in found.items()
-    }
+    kind = np.array([words.get(u.effect, u.effect.replace("_", " ")) for u in known.unknowns for _ in u.keys], object)
+    for name in dict.fromkeys(kind):
+        moved = slopes.model[row][:, kind == name] @ known.spread[kind == name]
+        found[name] = float(band_radius((moved @ moved.T)[None])[0])
+    return found
 
 
 def lead_unknowns(

@@ -1,4 +1,4 @@
-"""Contributions of the motion of the arm and of the placement of the part to the band.
+"""Contribution of the motion of the arm to the band.
 
 The springs respond dynamically to the load b(t) of the motion (`compplan.simulation.vibration`), and likewise to the
 motion by which the drives compensate the static deflection under the load c(t). With k the factor of masses and
@@ -8,7 +8,6 @@ compliances,
 
 where x[.] is the modelled response of the tip to a load, with frequencies over sqrt(k). c is b low-pass filtered to the
 bandwidth that the arm can follow. Factors and damping are stratified samples of their distributions.
-The placement of the part errs by a shift and a rotation about the part frame, constant along the path.
 """
 
 from __future__ import annotations
@@ -21,9 +20,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtri
 
 from compplan.effects.forward_model import own_springs
-from compplan.job.noise import NoiseTable
 from compplan.robot import Array, Robot
-from compplan.robot.pose import rigid_columns
 from compplan.robot.uncertainty import Uncertainty, split_unknowns
 from compplan.simulation.vibration import MODES, POSTURES, Dynamics, find_modes, modal_response
 
@@ -115,18 +112,3 @@ def mass_uncertainty(robot: Robot, known: Uncertainty) -> tuple[float, str]:
     ]
     soft = float(np.sqrt(np.mean(np.square(shares)))) if shares else 0.0
     return float(np.hypot(masses, soft)), f"masses to {masses:.0%} ({said})"
-
-
-def read_placement(noise: NoiseTable | None) -> tuple[float, float] | None:
-    """Return the stated placement uncertainty of the part, shift [m] and rotation [rad] per axis, or None."""
-    if noise is None or not {"part_frame_mm", "part_frame_deg"} & noise.model_fields_set:
-        return None
-    return noise.part_frame_mm * 1e-3, float(np.radians(noise.part_frame_deg))
-
-
-def shift_part(position: Array, origin: Array, width: tuple[float, float]) -> Array:
-    """Return the motion of the part by one standard deviation of three shifts and three rotations. Shape (n, 3, 6).
-
-    position: nominal tip (n, 3) [m]; origin: of the part frame (3,) [m]; width: deviations per axis [m, rad].
-    """
-    return np.asarray(rigid_columns(position, origin) * np.repeat(width, 3))

@@ -12,7 +12,7 @@ from compplan.effects import solve_model_poses
 from compplan.effects.linearization import linearize_model
 from compplan.errors import ConvergenceError
 from compplan.measurement.campaign import Campaign
-from compplan.measurement.pose_selection import measure_gains, offer_once, take_greedily, weight_rows
+from compplan.measurement.pose_selection import narrow_target, offer_once, take_greedily
 from compplan.robot import Array, Robot
 from compplan.robot.pose import rigid_columns
 from compplan.robot.uncertainty import Uncertainty
@@ -110,11 +110,7 @@ def observe_poses(
     frames = np.concatenate([rigid_columns(at.point[1::2], np.zeros(3)), at.attained.rotation[1::2]], axis=2)
     rows = np.concatenate([slopes, frames * np.r_[np.repeat(LOOSE, 3), np.full(3, LOOSE[0])]], axis=2)
     motion = np.pad(target.reshape(-1, r), ((0, 0), (0, rows.shape[2] - r)))
-    weight = motion.T @ motion
-    worth = weight_rows(
-        lambda mean, covariance, rows: measure_gains(covariance, rows, weight, variance),
-        np.eye(len(weight)), rows, variance,
-    )  # fmt: skip
+    worth = narrow_target(motion, np.eye(motion.shape[1]), rows, variance)
     taken = take_greedily(offer_once(worth, posture), min(count, k))
     seen, hidden = slopes[taken].reshape(-1, r), frames[taken].reshape(-1, frames.shape[2])
     return np.asarray(seen - hidden @ np.linalg.lstsq(hidden, seen, rcond=1e-9)[0])

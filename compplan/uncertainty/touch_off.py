@@ -1,10 +1,11 @@
-"""Touch-off: effect of arm errors at the touched points of a part on the part frame.
+"""Placement of the part: effect of arm errors at its touched points on the part frame, and its uncertainty.
 
 A part frame located with the robot follows from the positions that the controller displayed while the arm sagged. With
 displayed points c and points T(q) of the loaded arm, the part is displaced from the stated frame by the rigid motion D
 that fits D c = T(q) best. Loaded poses are compared with the path as D^-1 T(q): arm errors count by their difference
 between path and touched points. Every touched coordinate is read with an independent error s, so that the fitted frame
-x of covariance s^2 F F^T (F: `linear_displacement`) adds to the error of the tip.
+x of covariance s^2 F F^T (F: `linear_displacement`) adds to the error of the tip. A placement stated in [noise], a
+shift and a rotation about the part frame, replaces x.
 """
 
 from __future__ import annotations
@@ -18,8 +19,9 @@ from compplan.controllers.writers.joint_convention import controller_robot
 from compplan.effects.attained import TRANSIENT, attain_with_effects, rest_robot
 from compplan.effects.forward_model import ForwardModel
 from compplan.job.job import Job
+from compplan.job.noise import NoiseTable
 from compplan.robot import Array, Robot
-from compplan.robot.pose import fit_displacement, linear_displacement, see_position, see_rotation
+from compplan.robot.pose import fit_displacement, linear_displacement, rigid_columns, see_position, see_rotation
 from compplan.robot.uncertainty import Unknown
 from compplan.statics.chain import build_chain, locate_frames
 from compplan.statics.elastic import locate_loaded
@@ -85,6 +87,26 @@ class TouchedPart:
             return jacobian
         turn = self.displacement[:3, :3].T
         return np.concatenate([turn @ jacobian[:, :3], turn @ jacobian[:, 3:]], axis=1)
+
+
+def read_placement(noise: NoiseTable | None) -> tuple[float, float] | None:
+    """Return the stated placement uncertainty of the part, shift [m] and rotation [rad] per axis, or None."""
+    if noise is None or not {"part_frame_mm", "part_frame_deg"} & noise.model_fields_set:
+        return None
+    return noise.part_frame_mm * 1e-3, float(np.radians(noise.part_frame_deg))
+
+
+def spread_placement(
+    noise: NoiseTable | None, touched: TouchedPart | None, position: Array, origin: Array
+) -> Array | None:
+    """Return the motion of the part by one deviation of its placement, at positions (n, 3) [m]. Shape (n, 3, 6). [m]
+
+    The placement is that of [noise], otherwise that of the touched part; None for an absolute frame, where none is
+    stated. origin: of the part frame, (3,). [m]
+    """
+    if (stated := read_placement(noise)) is not None:
+        return np.asarray(rigid_columns(position, origin) * np.repeat(stated, 3))
+    return None if touched is None else touched.spread_part(position)
 
 
 def read_touch(job: Job) -> TouchOff:

@@ -11,7 +11,7 @@ import pytest
 from compplan.controllers.readback.fitted import PlannedRows, follow_moves
 from compplan.controllers.readback.languages import read_krl, read_rapid
 from compplan.controllers.readback.poses import Move
-from compplan.controllers.shapes import find_circle
+from compplan.controllers.shapes import find_arc
 from compplan.controllers.writers import Program, build_program, write_program
 from compplan.controllers.writers.fit import fit_moves
 from compplan.robot import load_robot
@@ -62,11 +62,11 @@ def test_every_row_lies_within_the_tolerance_and_every_move_has_its_time() -> No
             chord = (position[b] - position[a]) / np.linalg.norm(position[b] - position[a])
             off = np.linalg.norm(np.cross(position[a : b + 1] - position[a], chord), axis=1)
         else:
-            found = find_circle(position[a], 1e3 * few.via[k, :3, 3], position[b])
+            found = find_arc(position[a], 1e3 * few.via[k, :3, 3], position[b])
             assert found is not None
-            arm = position[a : b + 1] - found[0]
-            radius, height = np.linalg.norm(arm[0]), arm @ found[3]
-            off = np.hypot(np.linalg.norm(arm - height[:, None] * found[3], axis=1) - radius, height)
+            arm, normal = position[a : b + 1] - found.centre, np.array(found.normal)
+            radius, height = np.linalg.norm(arm[0]), arm @ normal
+            off = np.hypot(np.linalg.norm(arm - height[:, None] * normal, axis=1) - radius, height)
         assert off.max() <= 2e-3 + 1e-9
 
 
@@ -99,7 +99,7 @@ def plan_rows(x: np.ndarray, rotation: np.ndarray, time: np.ndarray, *, free: bo
     """Rows of a cut without corners, from its tips [mm], orientations and times."""
     n = len(x)
     no, zero = np.zeros(n, bool), np.zeros(n)
-    return PlannedRows(x, rotation, np.zeros((n, 6)), time, zero, no, no | free, None, zero, np.zeros((n, 3)), 2e-3)
+    return PlannedRows(x, rotation, np.zeros((n, 6)), time, zero, no, no | free, None, np.zeros((n, 3)), 2e-3)
 
 
 def test_a_way_back_below_the_rounding_of_written_positions_is_none_and_one_above_it_is_read() -> None:

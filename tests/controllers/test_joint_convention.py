@@ -14,7 +14,7 @@ from compplan.controllers.writers.joint_convention import (
     krl_status,
     load_controller,
     locate_links,
-    name_words,
+    measure_words,
     to_controller,
 )
 from compplan.errors import InputError
@@ -38,7 +38,7 @@ def test_every_robot_counts_there_and_back(name: str) -> None:
     controller = load_controller(robot)
     q = random_q(robot)
     assert np.abs(from_controller(controller, to_controller(controller, q)) - q).max() < 1e-13
-    for values in name_words(controller, robot, q, locate_links(robot, q)).values():
+    for values, _ in measure_words(controller, robot, q, locate_links(robot, q)).values():
         assert len(set(values.tolist())) == 2
 
 
@@ -68,7 +68,8 @@ def test_the_status_of_a_kuka_tells_its_three_words_apart() -> None:
     robot = load_robot("kuka_kr270")
     controller = load_controller(robot)
     q = random_q(robot, 400)
-    status = krl_status(controller, name_words(controller, robot, q, locate_links(robot, q)))
+    words = measure_words(controller, robot, q, locate_links(robot, q))
+    status = krl_status(controller, {key: values for key, (values, _) in words.items()})
     assert status is not None and set(status.tolist()) <= set(range(8))
     counted = to_controller(controller, q)
     assert np.array_equal(status & 4 > 0, counted[:, 4] < 0)

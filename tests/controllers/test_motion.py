@@ -19,13 +19,13 @@ from compplan.controllers.motion.instructions import Instructions, read_instruct
 from compplan.controllers.motion.run import execute_program, follow_command, lag_command, limit_speed
 from compplan.controllers.readback.languages import read_fanuc, read_krl, read_rapid, read_val3
 from compplan.controllers.readback.scripts import read_inform, read_kawasaki, read_sinumerik, read_urscript
-from compplan.controllers.shapes import MoveArc
 from compplan.controllers.writers import WRITERS, Program, build_program, kawasaki_as, widest_zone, write_program
 from compplan.controllers.writers.motion_table import MotionTable, read_motion
 from compplan.controllers.writers.zones import ZONES, find_zones
 from compplan.robot import load_robot
 from compplan.statics.chain import locate_frames
 from compplan.statics.ik import build_arm, refine_ik
+from compplan.toolpath.readers.arcs import Arc
 
 HEAD = "move,x_mm,y_mm,z_mm,i,j,k,feed_mm_s,zone_mm\n"
 CORNER = HEAD + "joint,700,0,300,0,0,1,200,0\nline,800,0,300,0,0,1,100,10\nline,800,100,300,0,0,1,100,0\n"
@@ -150,7 +150,7 @@ def test_an_arc_keeps_its_radius_and_its_even_turn() -> None:
     joints = refine_ik(arm, np.repeat(q, 2, axis=0), ends, turns)
     some = Instructions(Path("p"), np.arange(2), np.ones(2, bool), ends, ends, joints, np.full(2, 0.05), np.zeros(2))
     length = np.array([0.0, 0.05 * np.pi / 2])
-    arc = MoveArc(centre, np.array([0.05, 0.0, 0.0]), np.array([0.0, 0.05, 0.0]), np.pi / 2)
+    arc = Arc(tuple(centre), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0), 0.05, 0.05, np.pi / 2)
     path = build_path(Nodes(some, joints, ends, turns, length, {1: arc}), arm, 1.0)
     assert np.linalg.norm(path.position - centre, axis=1) == pytest.approx(0.05, abs=1e-9)
     done = np.unwrap(np.arctan2(*(path.position - centre).T[1::-1])) / (np.pi / 2)

@@ -44,6 +44,17 @@ def test_a_payload_hangs_before_the_flange_and_weighs_what_the_arm_carries(fit: 
     assert "41.6 kg on the flange" in ask(fit, "payload", None, mass_kg=41.6, first_moment_kg_m=[0.0, 0.0, 4.0])
 
 
+def test_no_link_warms_up_by_more_than_forty_kelvin(fit: Any) -> None:
+    """With a time constant of 1000 s, a link has 63 % of its growth after 1000 s."""
+    campaign = replace(command_campaign(fit.problem.campaign.q, on_path=False), time=np.array([0.0, 1000.0]))
+    scene = build_varied_model(fit.problem.robot, campaign)
+    warm = SimpleNamespace(problem=fit.problem, at=SimpleNamespace(scene=scene))
+    links = [1.4e-3, *[0.0] * fit.problem.robot.nq]
+    assert not ask(warm, "thermal_drift", None, time_constant_s=1000.0, segment_growth_ratio=links)
+    said = ask(warm, "thermal_drift", None, time_constant_s=1000.0, segment_growth_ratio=[2e-3, *links[1:]])
+    assert said == "a link would grow by 1.3 mm per metre: aluminium 53 K warmer"
+
+
 def test_what_a_lighter_tool_leaves_hangs_before_the_flange(fit: Any) -> None:
     """5 kg hang 64 mm before the TX200's flange: taken off, 2.5 kg cannot have hung 1.6 m before it."""
     robot = read_robot_folder(ROBOT.parent / "staubli_tx200")

@@ -121,6 +121,15 @@ def test_transmission_errors_add_up_over_their_forms() -> None:
     assert moved.drive[:, 1] == pytest.approx(hand) and not np.delete(moved.drive, 1, axis=1).any()
 
 
+def test_backlash_is_offered_where_the_approach_of_most_poses_is_known() -> None:
+    assert list(EFFECTS["backlash"].signatures(AT))
+    campaign = make_campaign(AT.robot)
+    single = replace(campaign, run=np.array([f"static_{k // 2}" for k in range(len(campaign))]))
+    pairs = replace(single, q=np.repeat(single.q[::2], 2, axis=0))
+    at = linearize_model(scene := build_model(AT.robot, pairs), solve_model_poses(scene))
+    assert pairs.first_visit.all() and not list(EFFECTS["backlash"].signatures(at))
+
+
 def path_campaign(q: np.ndarray, time: np.ndarray | None, runs: np.ndarray | None = None) -> Campaign:
     n = len(q)
     run = np.array(["path_1"] * n) if runs is None else runs

@@ -130,15 +130,15 @@ def test_lengths_that_are_not_those_of_the_points_are_asked_about(
 
 @pytest.mark.slow
 def test_a_part_that_stood_elsewhere_is_asked_about_and_a_true_one_is_not(equipment: tuple[Job, Robot, Path]) -> None:
-    """Off by .1 and -.05 mm and .02 degrees: the robot may do that too, so who measured has to say."""
+    """Off by .3 and -.15 mm and .06 degrees, more than robot and force explain: who measured has to say."""
     job, robot, folder = equipment
     points, s = measure(job)
-    moved = turned(points, 0.02) + np.array([0.1, -0.05, 0.0])
+    moved = turned(points, 0.06) + np.array([0.3, -0.15, 0.0])
     files = [
         write_points(folder / f"{name}.csv", "x_mm,y_mm,z_mm,s_mm", np.column_stack([p, s]))
         for name, p in (("moved", moved), ("true", points))
     ]
-    asked = r"moved\.csv:1: .* shift of the whole part by \[0\.09.*was the part there\?.*part_frame_mm"
+    asked = r"moved\.csv:1: .* shift of the whole part by \[0\.2[5-9].*clamped elsewhere\?.*part_frame_mm"
     with pytest.raises(InputError, match=asked):
         learn_from_part(job, robot, files[0])
     model_update = learn_from_part(job, robot, files[0], align="datum")

@@ -86,6 +86,15 @@ def test_approach_is_the_sign_of_the_last_move_and_unknown_where_a_run_begins() 
     assert campaign.first_visit.tolist() == [True, False, False, False, True, False]
 
 
+def test_runs_at_rest_that_alternate_were_taken_without_a_break() -> None:
+    campaign = order([0.0, 0.0, 0.1, 0.1, 0.3, 0.2], ["static_1", "static_2"] * 2 + ["static_3"] * 2)
+    assert campaign.run_index.tolist() == [0, 0, 0, 0, 1, 1]
+    assert campaign.approach[:, 1].tolist() == [0, 0, 1, 1, 0, -1]
+    assert campaign.stay.tolist() == [0, 0, 1, 1, 2, 3]
+    between = order([0.0] * 5, ["static_1", "path_1", "path_2", "static_1", "static_1"])
+    assert between.run_index.tolist() == [0, 1, 2, 3, 3]
+
+
 def test_loads_and_moves_begin_beyond_what_sensor_and_encoder_scatter() -> None:
     """Assumed: 5 N and 2 N m, or a fiftieth of the log's largest force; 2e-5 rad at rest and nothing on a path."""
     campaign = order([0.0] * 4, ["static_1"] * 4)

@@ -130,7 +130,7 @@ def test_a_wrench_file_is_read_by_row_or_by_length(tmp_path: Path) -> None:
     force = predict_wrench(FileProcess(model="file", file="s.csv"), nominal, folder=tmp_path)[:, 0]
     assert force == pytest.approx(nominal.arc_length * 1e3)
     (tmp_path / "rows.csv").write_text("fx_N,fy_N,fz_N\n1,2,3\n")
-    with pytest.raises(InputError, match="1 rows, expected 400, one a waypoint"):
+    with pytest.raises(InputError, match="1 rows, expected 400, one per waypoint"):
         predict_wrench(FileProcess(model="file", file="rows.csv"), nominal, folder=tmp_path)
     (tmp_path / "short.csv").write_text("s_mm,fx_N,fy_N,fz_N\n0,0,0,0\n10,1,0,0\n")
     with pytest.raises(InputError, match="s_mm covers 0 to 10 mm"):

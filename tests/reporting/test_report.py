@@ -113,6 +113,7 @@ def test_a_page_asks_the_network_for_nothing_and_holds_plotly_once_where_there_a
     )
     assert 0.6e6 < len(many) < 1.0e6 and len(none) < 30_000
     assert len(page_data(many)["charts"]) == 3
+    assert "showSendToCloud: false" in many  # plotly.js 4 has a button that uploads a chart
 
 
 def test_a_table_shows_units_digits_dashes_and_tones_and_refuses_a_row_of_another_length() -> None:

@@ -12,7 +12,7 @@ from compplan.reproduce.mamedov2018 import (
     with_material,
     with_wall,
 )
-from compplan.reproduce.mamedov_circles import FITTED, compensate_circles
+from compplan.reproduce.mamedov_circles import compensate_circles
 from compplan.robot import load_robot
 
 FULL, PAPER = load_robot("kuka_kr270_full"), load_robot("kuka_kr270")
@@ -64,7 +64,7 @@ def test_thicker_walls_leave_less_to_the_links() -> None:
 
 
 def test_a_posture_exists_that_meets_the_twelve_means_of_the_circles_within_a_third() -> None:
-    errors = compensate_circles(FULL, PAPER, FITTED)
+    errors = compensate_circles(FULL, PAPER)
     before, after = errors.misfit()
     assert np.abs(errors.misfit()).max() < 1 / 3
     assert np.abs(before).max() < 0.1 and np.abs(after[0]).max() < 0.15

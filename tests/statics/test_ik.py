@@ -7,7 +7,7 @@ import pytest
 from robot_library import over_robots
 from scipy.spatial.transform import Rotation
 
-from compplan.controllers.writers.joint_convention import load_controller, locate_links, name_words
+from compplan.controllers.writers.joint_convention import load_controller, locate_links, measure_words
 from compplan.errors import InputError, ShapeError
 from compplan.planning.posture.settings import PostureSettings
 from compplan.planning.posture.start import find_start
@@ -105,10 +105,10 @@ def test_the_tool_is_part_of_the_closed_form():
 def test_configurations_are_named_as_the_controller_names_them(name):
     robot = load_robot(name)
     q = random_joints(robot, 300, seed=2)
-    words = name_words(load_controller(robot), robot, q, locate_links(robot, q))
+    words = measure_words(load_controller(robot), robot, q, locate_links(robot, q))
     ours = [ik.CONFIGURATIONS[slot] for slot in ik.name_configuration(ik.build_arm(robot), q)]
     for word in ("shoulder", "elbow", "wrist"):
-        assert [one[word] for one in ours] == list(words[word])
+        assert [one[word] for one in ours] == list(words[word][0])
 
 
 def test_poses_of_a_wrong_shape_are_refused():

@@ -101,14 +101,15 @@ def test_every_key_of_the_noise_spreads_what_it_names_by_its_own_size() -> None:
         link_share=0.05, part_frame_mm=0.6, part_frame_deg=0.07, wrench_level=0.1, wrench_direction_deg=2.0,
         wrench_path=0.0, temperature_K=5.0, force_noise_N=40.0,
     )  # fmt: skip
-    at = prepare_study(cone_task(), noise, ["none"], most_waypoints=12).context
+    study = prepare_study(cone_task(), noise, ["none"], most_waypoints=12)
+    at, lever = study.context, np.linalg.norm((study.nominal - study.nominal.mean(axis=1, keepdims=True))[:2], axis=0)
     robots, degree, mm = sample_robots(at, draw_points(at.factors, 5, 1, range(400))), np.pi / 180, 1e-3
     rest, unsure = robots.causes, at.link_share > 0.0
     wanted = {
         "link share": (spread((robots.link_share - at.link_share[:, None])[unsure]), 0.05),
         "growth": (spread(rest[0]), 5.0 * 1.2e-5),
-        "part, place": (spread(rest[1:4]), 0.6 * mm),
-        "part, turn": (spread(rest[4:7]), 0.07 * degree),
+        "part, place": (spread(rest[1:4]) * at.shift[1, 0, 0], 0.6 * mm),
+        "part, turn": (spread(rest[6]) * spread(np.linalg.norm(at.shift[6], axis=0) / lever), 0.07 * degree),
         "motor": (spread(np.array(robots.motor)), 0.0003 * degree),
         "link": (spread(np.array(robots.link)), 0.0008 * degree),
         "force": (spread(robots.force[:3]), np.hypot(40.0, 100.0)),  # the gain adds little
@@ -135,7 +136,7 @@ def study() -> Study:
 def tips(study: Study, z: np.ndarray) -> np.ndarray:
     """Return the tips of robots at coordinates z (b, r), everything else at its mean. Shape (b, n, 3). [m]"""
     columns = study.context.factors.columns
-    points = np.full((len(z), study.context.factors.size), 0.5)
+    points = np.full((len(z), len(study.context.factors.groups)), 0.5)
     points[:, columns["posterior"]] = ndtr(z)
     return np.moveaxis(run_strategy(study, "none", sample_robots(study.context, points)), 0, -1)
 
@@ -191,7 +192,7 @@ def test_a_force_that_was_taught_with_the_robot_goes_with_it_in_samples_too(monk
     rest = {key: value for key, value in REST.items() if key not in ("wrench_level", "wrench_direction_deg")}
     study = prepare_study(task, NoiseTable(**rest), ["none"], force=force)
     columns = study.context.factors.columns
-    points = np.full((3, study.context.factors.size), 0.5)
+    points = np.full((3, len(study.context.factors.groups)), 0.5)
     points[1:, columns["posterior"].start] = ndtr(1.5)  # one deviation and a half softer
     points[2:, columns["wrench_level"]] = ndtr(1.0)
     seen = np.moveaxis(run_strategy(study, "none", sample_robots(study.context, points)), 0, -1)

@@ -63,7 +63,7 @@ def noise_free_robots(study: Study, compliance: Array, level: Array) -> SampledR
         link_share=np.repeat(at.link_share[:, None], b, axis=1),
         zero=np.zeros((nq, b)),
         drive=still,
-        causes=np.zeros((len(at.scale), b)),
+        causes=np.zeros((len(at.shift), b)),
         shift=rest,
         wrench=wrench,
         repeat=np.zeros((3, b)),

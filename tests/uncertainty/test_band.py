@@ -29,9 +29,9 @@ from compplan.simulation.vibration import MODES, build_dynamics, find_modes, mod
 from compplan.statics.inertia import build_moving_chain, load_motion
 from compplan.uncertainty.assumed import free_base
 from compplan.uncertainty.band import estimate_band, linearise_path
-from compplan.uncertainty.motion import Motion, read_placement, shift_part
+from compplan.uncertainty.motion import Motion
 from compplan.uncertainty.sensitivities import ForceSpread, build_path_model, measure_slopes
-from compplan.uncertainty.touch_off import TouchedPart
+from compplan.uncertainty.touch_off import TouchedPart, read_placement, spread_placement
 
 PATHS = Path(__file__).parents[2] / "paths"
 SURE = ForceSpread(0.0, 0.0, 0.0, "known")
@@ -329,6 +329,8 @@ def test_the_place_of_a_part_is_stated_in_mm_and_degrees() -> None:
 
 
 def test_a_part_that_is_turned_moves_by_the_angle_times_the_distance_from_its_frame() -> None:
-    columns = shift_part(np.array([[1.0, 0.5, 0.0]]), np.array([1.0, 0.0, 0.0]), (1e-4, 2e-5))
-    assert np.linalg.norm(columns[0, :, 5]) == pytest.approx(2e-5 * 0.5)
+    noise = NoiseTable(part_frame_mm=0.1, part_frame_deg=1.0)
+    columns = spread_placement(noise, None, np.array([[1.0, 0.5, 0.0]]), np.array([1.0, 0.0, 0.0]))
+    assert columns is not None
+    assert np.linalg.norm(columns[0, :, 5]) == pytest.approx(np.pi / 180 * 0.5)
     assert columns[0, :, 4] == pytest.approx(0.0)

@@ -45,7 +45,7 @@ if TYPE_CHECKING:
 @make_command(
     click.argument("measurements", type=INPUT), robot_option(), out_folder,
     click.option("--register", help='Frames that are unknown: "base", "tool" or "base,tool".'),
-    click.option("--springs", help="Springs to identify, by name; default: those of the robot and one a joint."),
+    click.option("--springs", help="Springs to identify, by name; default: those of the robot and one per joint."),
     click.option("--add", help='Springs that the robot lacks and gets, such as "joint_3.rx,base_joint.ry".'),
     click.option("--effects", help='Effects to fit too, such as "backlash,joint_coupling@joint_5:of joint_4".'),
     click.option("--geometry", type=click.Choice([*GEOMETRY, "auto"]), default="auto", help="Geometry to fit too."),
@@ -104,7 +104,7 @@ def run_diagnose(
 ) -> CommandResult:  # fmt: skip
     """Diagnose the gap between ROBOT and MEASUREMENTS (a measurement log).
 
-    Writes DIR/diagnosis.json, DIR/robot (the updated robot folder, which every figure belongs to) and DIR/report.html.
+    Writes DIR/diagnosis.json, DIR/robot (the updated robot folder, for which all figures hold) and DIR/report.html.
 
     Example: compplan diagnose notebooks/diagnose_campaign/measurements.csv --robot kuka_kr270 --out out
     """
@@ -218,7 +218,7 @@ def run_campaign(
     from compplan.reporting.campaign import open_campaign, write_campaign
 
     if not sigma < 10.0 or not pull < 1e5:
-        raise InputError("--sigma-mm and --pull-N are finite numbers")
+        raise InputError("--sigma-mm and --pull-N must be finite numbers")
     frames = None if register is None else () if register == "none" else parse_parts(register)
     length = 1e-3 * (length_mm or 0.0)
     equipment = Equipment(parse_weights(weights), pull, sigma * 1e-3, frames, seed, instrument, places, length)

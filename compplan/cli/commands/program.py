@@ -134,7 +134,7 @@ def run_execute(program: Path, robot_name: str, out: Path) -> CommandResult:
 @make_command(
     click.argument("logs", nargs=-1, required=True, type=INPUT, metavar="LOG..."),
     click.option("--program", "programs", multiple=True, required=True, type=INPUT,
-                 help="Program of a log: one a log, in order, or one for all."),
+                 help="Program of a log: one per log, in order, or one for all."),
     robot_option(), out_folder,
 )  # fmt: skip
 def run_trace(logs: tuple[Path, ...], programs: tuple[Path, ...], robot_name: str, folder: Path) -> CommandResult:

@@ -230,7 +230,7 @@ def _init_robot(urdf: Path, options: Mapping[str, Any], out: Path | None) -> lis
     if (payload is None) != (reach is None) or (mass is not None and payload is None):
         raise InputError("--payload, --reach and --mass: give payload and reach together, own weight beside them")
     if any(math.isnan(value) for value in (payload, reach, mass) if value is not None):
-        raise InputError("--payload, --reach and --mass: nan is not a number")
+        raise InputError("--payload, --reach and --mass must be numbers, not nan")
     rating, controller = None if payload is None else Rating(payload, reach, mass), options["controller"]
     folder = out or Path(urdf.stem)
     if not folder.is_dir() or any(folder.iterdir()):  # an interrupted run may have left it empty
@@ -284,7 +284,7 @@ COLOURS = {"fine": "green", "note": "cyan", "odd": "yellow", "do": "cyan"}
     robot_option("Robot that the log was taken on: folder or shipped robot.", required=False),
 )
 def run_doctor(target: str | None, robot_name: str | None) -> CommandResult:
-    """Look at TARGET and say what is odd: a robot (folder or name) or a measurement log; without it the installation.
+    """Check TARGET, a robot (folder or name) or a measurement log, and list what is odd; without it, the installation.
 
     Example: compplan doctor measurements.csv --robot ur10
     """

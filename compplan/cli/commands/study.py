@@ -40,7 +40,7 @@ def run_montecarlo(
 ) -> CommandResult:  # fmt: skip
     """Simulate strategies on JOB in many uncertain cells: write montecarlo.json, report.html and the samples.
 
-    Samples are kept in OUT/samples: an interrupted study goes on where it stopped when it is run again.
+    Samples are kept in OUT/samples: run an interrupted study again to continue it.
 
     Example: compplan montecarlo paths/isf_cone.toml --samples 200 --seed 1 --out out
     """
@@ -103,7 +103,7 @@ def run_map(
 
     wrench = np.array([*force, *moment])
     if not np.isfinite([*wrench, height_mm, azimuth_deg]).all():
-        raise InputError("force, moment, height and azimuth are finite numbers")
+        raise InputError("force, moment, height and azimuth must be finite numbers")
     if max(map(abs, wrench)) > MOST_LOAD or abs(height_mm) > FARTHEST_MM or abs(azimuth_deg) > 360.0:
         raise InputError(
             f"--force and --moment are at most {MOST_LOAD:g} N or Nm, --height-mm {FARTHEST_MM:g}, --azimuth-deg 360"
@@ -121,7 +121,7 @@ def run_map(
 
 @make_command(click.argument("paper", metavar="|".join(PAPERS)), out_folder)
 def run_reproduce(paper: str, folder: Path) -> CommandResult:
-    """Compute what a paper states, and show it beside the paper's figures.
+    """Recompute the figures of a paper, and list both side by side.
 
     Example: compplan reproduce johra2022 --out out
     """

@@ -19,13 +19,15 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from compplan.controllers.motion.instructions import Instructions, mark_whole
-from compplan.controllers.shapes import MoveArc, find_arc
+from compplan.controllers.shapes import find_arc
 from compplan.controllers.writers.fit import Fitted
 from compplan.controllers.writers.zones import FASTEST, mark_moves
 from compplan.errors import InfeasibleError, InputError
 from compplan.robot import Array
 from compplan.statics.chain import Chain, locate_frames
 from compplan.statics.ik import Arm, middle_of_limits, pose_error, refine_ik, solve_branches
+from compplan.toolpath.contact import turn_about_axis
+from compplan.toolpath.readers.arcs import Arc
 
 #: Step between points of a path, and points of a blend. [m]
 STEP, BLEND_POINTS = 1e-3, 12
@@ -48,7 +50,7 @@ class Nodes:
     position: Array  #: Tip there. Shape (n, 3). [m]
     rotation: Array  #: TCP frame there. Shape (n, 3, 3).
     length: Array  #: Path length of the tip to each end, 0 for the first. Shape (n,). [m]
-    arcs: Mapping[int, MoveArc] = field(default_factory=dict)  #: Arcs among the moves, by index of the move.
+    arcs: Mapping[int, Arc] = field(default_factory=dict)  #: Arcs among the moves, by index of the move.
 
     def along(self, move: NDArray[np.int_], share: Array) -> Array:
         """Return tip positions at shares of lines and arcs. Shape (k,) -> (k, 3). [m]"""
@@ -56,7 +58,7 @@ class Nodes:
         place: Array = start + share[:, None] * (self.position[move] - start)
         for number, arc in self.arcs.items():
             low, high = np.searchsorted(move, [number, number + 1])
-            place[low:high] = arc.place(share[low:high])
+            place[low:high] = arc.place(arc.sweep * share[low:high])
         return place
 
 
@@ -114,11 +116,7 @@ def locate_nodes(instructions: Instructions, arm: Arm, start: Array | None = Non
 
 def _first_frame(axis: Array) -> Array:
     """Return a TCP frame on a tool axis with its x nearest to the base's x (assumed)."""
-    z = -axis
-    x = np.array([1.0, 0.0, 0.0]) if abs(z[0]) < 0.9 else np.array([0.0, 1.0, 0.0])
-    x = x - (x @ z) * z
-    x /= np.linalg.norm(x)
-    return np.column_stack([x, np.cross(z, x), z])
+    return turn_about_axis(np.array([[1.0, 0.0, 0.0] if abs(axis[0]) < 0.9 else [0.0, 1.0, 0.0]]), axis[None])[0]
 
 
 def _turn_axis(rotation: Array, axis: Array) -> Array:
@@ -324,7 +322,7 @@ def build_moves(fitted: Fitted, q: Array, arm: Arm, zones: Array) -> tuple[Nodes
     frames = locate_frames(arm.chain, posture)
     position = frames.tcp_position
     length = np.r_[0.0, np.linalg.norm(np.diff(position, axis=0), axis=1)]
-    arcs: dict[int, MoveArc] = {}
+    arcs: dict[int, Arc] = {}
     for k in np.flatnonzero(program.arcs[moves] & ~alone).tolist():
         assert program.via is not None
         arc = find_arc(position[k - 1], program.via[moves][k, :3, 3], position[k])

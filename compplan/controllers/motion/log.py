@@ -144,10 +144,7 @@ def _bridge_rows(time: Array, q: Array) -> Array:
     rows = [q[:-4], q[1:-3], q[3:-1], q[4:]]
     out[2:-2] = 0.0
     for k in range(4):
-        weight = np.ones(len(at))
-        for other in range(4):
-            if other != k:
-                weight = weight * near[other] / (near[other] - near[k])
+        weight = np.prod([near[other] / (near[other] - near[k]) for other in range(4) if other != k], axis=0)
         out[2:-2] += weight[:, None] * rows[k]
     return out
 

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.controllers.readback.fitted import FEED_STEP, PlannedRows, check_corners, follow_moves
+from compplan.controllers.readback.fitted import FEED_STEP, PlannedRows, follow_moves
 from compplan.controllers.readback.joint_table import read_csv
 from compplan.controllers.readback.languages import read_fanuc, read_krl, read_rapid, read_val3
 from compplan.controllers.readback.poses import Move, Pose, fanuc_pose
@@ -90,7 +90,6 @@ def compare_written(
     model = load_robot(robot)
     cell = _Cell(model, load_controller(model), arm)
     joints = to_controller(cell.counting, planned.q)
-    reported = _report_rows(cell, planned, joints)
     squared, kept = planned.square_corners()
     declared = np.linalg.inv(cell.world) @ arm.part
     for language in languages:
@@ -121,8 +120,8 @@ def compare_written(
                 moves = [move._replace(stops=False) if may else move
                          for move, may in zip(moves, excused_stops.tolist(), strict=True)]  # fmt: skip
                 messages = [cell.compare_joints(moves, joints[ends]), *cell.compare(rows, moves, held)]
-                messages = [text for text in messages if text] or reported.take(ends).compare(language, moves)
-                messages += check_corners(planned)[:1] if linear else []
+                expected = _report_rows(cell, planned, joints, ends)
+                messages = [text for text in messages if text] or expected.compare(language, moves)
             if language in ("fanuc_ls", "inform") and not arm.carries_part:
                 messages += compare_declared(file, declared, arm.tool)
             breaches += [f"{file.name}, read back: {text}" for text in messages]
@@ -270,16 +269,17 @@ def _compare_feeds(rows: PlannedRows, moves: list[Move]) -> str:
     return f"a feed of {stated[row]:.4g} mm/s at row {row}, planned are {planned[row]:.4g}"
 
 
-def _report_rows(cell: _Cell, planned: PlannedRows, joints: Array) -> ReportedProgram:
-    """Return the expected contents of programs in addition to the path."""
+def _report_rows(cell: _Cell, planned: PlannedRows, joints: Array, ends: NDArray[np.int_]) -> ReportedProgram:
+    """Return the expected contents of a program in addition to the path, at the rows where its moves end."""
     robot, arm = cell.robot, cell.arm
     rates = np.where(robot.prismatic, 1e3, 180.0 / np.pi) * robot.velocity_limits
     step = np.diff(planned.time, prepend=np.nan)
     with np.errstate(divide="ignore", invalid="ignore"):
         share = (np.abs(np.diff(joints, axis=0, prepend=np.nan)) / rates).max(axis=1) / step
     return ReportedProgram(
-        joints[:, ~cell.outer], read_words(cell.counting, controller_robot(robot), planned.q), planned.feed <= 0.0,
-        planned.exact_stops, share, arm.mass, arm.tool[:3, :3] @ (1e3 * arm.centre) + arm.tool[:3, 3],
+        joints[ends][:, ~cell.outer], read_words(cell.counting, controller_robot(robot), planned.q[ends]),
+        planned.feed[ends] <= 0.0, planned.exact_stops[ends], share[ends], arm.mass,
+        arm.tool[:3, :3] @ (1e3 * arm.centre) + arm.tool[:3, 3],
     )  # fmt: skip
 
 

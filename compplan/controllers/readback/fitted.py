@@ -15,7 +15,6 @@ from scipy.spatial.transform import Rotation
 from compplan.controllers.readback.poses import Move
 from compplan.controllers.shapes import HELD, LEAST_FEED, RATIO, SHORT, find_arc, follow_arc, follow_line, send_speeds
 from compplan.robot import Array
-from compplan.toolpath.corners import MAX_LEG_DISTANCE, measure_leg_distance
 
 #: Rounding of written positions. [mm]
 ROUNDING = 5e-4
@@ -39,7 +38,6 @@ class PlannedRows:
     free: NDArray[np.bool_]  #: Whether the move to each row has no prescribed speed.
     #: Feed of the CAM file in the move to each row; without it the speed is not levelled along short legs. [mm/s]
     cam_feed: Array | None
-    departure: Array  #: Allowed departure of zones from a corner. [mm]
     #: Vector to the corner that replaces a row in tool moves; nan at omitted rows of a rounded corner, 0 at other rows.
     #: Shape (m, 3). [mm]
     corner: Array
@@ -81,22 +79,6 @@ def follow_moves(
         if wrong:
             return [f"{wrong} between rows {a} and {b}"]
     return []
-
-
-def check_corners(rows: PlannedRows) -> list[str]:
-    """Return corners whose rounding lies farther from their legs than zones may depart from the path."""
-    position, corner, departure = rows.position, rows.corner, rows.departure
-    messages, left_out = [], np.isnan(corner[:, 0])
-    for row in np.flatnonzero(np.nan_to_num(np.abs(corner).max(axis=1)) > 0.0).tolist():
-        first, last = row - 1, row + 1
-        while left_out[first]:
-            first -= 1
-        while left_out[last]:
-            last += 1
-        off = measure_leg_distance(position[first : last + 1], position[row] + corner[row])
-        if off > MAX_LEG_DISTANCE * max(float(np.linalg.norm(corner[row])), float(departure[row])) + ROUNDING:
-            messages.append(f"the planned tip is {1e3 * off:.3g} um off the corner at row {row}")
-    return messages
 
 
 def _follow(rows: PlannedRows, a: int, b: int, move: Move, base: Array) -> str:

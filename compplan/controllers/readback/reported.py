@@ -6,7 +6,7 @@ Each is computed here from the commanded joints, by the definitions in the maker
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -64,14 +64,6 @@ class ReportedProgram:
     mass: float | None = None  #: Mass of the tool, None where it is not stated. [kg]
     #: Centre of the tool's mass in the pendant's flange frame. Shape (3,). [mm]
     centre: Array = field(default_factory=lambda: np.zeros(3))
-
-    def take(self, rows: NDArray[np.int_]) -> ReportedProgram:
-        """Return the expected contents at some of the rows."""
-        words = {key: replace(w, values=w.values[rows], clear=w.clear[rows]) for key, w in self.words.items()}
-        return replace(
-            self, arm=self.arm[rows], words=words, rapid=self.rapid[rows], exact_stops=self.exact_stops[rows],
-            share=self.share[rows],
-        )  # fmt: skip
 
     def compare(self, language: str, moves: Sequence[Move]) -> list[str]:
         """Return the differences between the moves of a program, one for each row, and the expected contents."""

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.controllers.writers.joint_convention import load_controller
-from compplan.controllers.writers.language import ProgramForm
+from compplan.controllers.writers.language import ProgramForm, ProgramPart, write_texts
 from compplan.controllers.writers.machine import Wiring, describe_events
 from compplan.controllers.writers.post import check_cell, describe_cell, render_own
 from compplan.controllers.writers.program import Program, build_program, head_lines
@@ -22,7 +22,6 @@ from compplan.controllers.writers.zones import OTHER, ZONES, BlendZone, mark_nar
 from compplan.errors import InputError, UnknownNameError
 from compplan.io.notes import Stop
 from compplan.io.registry import Registry
-from compplan.io.tables import write_text
 from compplan.robot import Robot
 
 
@@ -113,9 +112,6 @@ def check_brand(controller: str, language: str) -> None:
     Raises:
         InputError: If the controller is of another brand than the language.
     """
-    brand = _brand(language)
-    if brand and brand.lower() in controller.lower():
-        return
     fitting = list_languages(controller)
     if language not in fitting:
         raise InputError(
@@ -204,21 +200,20 @@ def write_sequence(
     entries = [_find_entries([file for file in files if file.suffix == form.suffix]) for files in groups]
     post = replace(check_cell(program.post, form.cell, form.title), overwrite=False)
     format_main = getattr(WRITERS[language], "format_main", None)
-    files = []
+    texts: dict[str, str] = {}
     for kind in entries[0]:
         if all(kind in entry for entry in entries):
             calls = [entry[kind] for entry in entries]
             whole = f"{legal_name(name, (form.longest_main or form.longest) - ADDED)}_ALL{kind}"
             upper, lower = calls[0].isupper(), calls[0].islower()
             whole = whole.upper() if upper else whole.lower() if lower else whole
-            files.append(folder / f"{whole}{form.suffix}")
             if format_main is None:
                 words = {"name": whole, "comments": head_lines(program), "lines": [], "calls": calls}
-                text = render_own(f"{language}_main", words)
+                texts[f"{whole}{form.suffix}"] = render_own(f"{language}_main", words)
             else:
-                text = format_main(whole, replace(program, post=post), calls)
-            write_text(files[-1], text, newline=form.newline)
-    return files
+                none, parts = slice(0, 0), dict.fromkeys(calls, slice(0, 0))
+                texts |= format_main(ProgramPart(replace(program, post=post), whole, whole, parts, none, False, [], {}))
+    return write_texts(folder, texts, form.newline)
 
 
 def _find_entries(files: Sequence[Path]) -> dict[str, str]:

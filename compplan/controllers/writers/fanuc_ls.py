@@ -11,7 +11,6 @@ import numpy as np
 
 from compplan.controllers.writers.frames import place_numbers, place_table
 from compplan.controllers.writers.language import ProgramForm, ProgramPart, WrittenMove, describe_feeds
-from compplan.controllers.writers.post import render_post
 from compplan.controllers.writers.program import Program, head_lines
 from compplan.controllers.writers.text import clean_text
 from compplan.errors import InputError
@@ -30,9 +29,6 @@ POSITIONER = 2
 PLACE = [f"{name} = {{:12.5f}}  mm" for name in "XYZ"] + [f"{name} = {{:12.6f}} deg" for name in "WPR"]
 
 
-FORM = ProgramForm.load("fanuc_ls", lambda poses: place_table(poses, "xyz"))
-
-
 def write(program: Program, folder: Path, most: int | None = None) -> list[Path]:
     """Write NAME.LS with joint positions and NAME_L.LS with Cartesian ones; long ones call NAME_1.LS and so on.
 
@@ -47,7 +43,7 @@ def write(program: Program, folder: Path, most: int | None = None) -> list[Path]
     if program.feed.max(initial=0.0) > FASTEST:
         raise InputError(f"feed is {program.feed.max():g} mm/s, FANUC programs take at most {FASTEST:g} mm/s")
     can = len(turning) == 6 and (program.moves_part or state_configurations(program) is not None)
-    return FORM.write(program, folder, most, _format_part, _format_calls, can=can)
+    return FORM.write(program, folder, most, can=can)
 
 
 def describe(program: Program) -> list[str]:
@@ -77,7 +73,7 @@ def _round_feeds(feed: Array) -> Array:
 
 
 def _format_part(part: ProgramPart) -> dict[str, str]:
-    program, frame = part.program, int(part.program.post.base or 1) if part.linear else 0
+    program, frame = part.program, _find_frame(part)
     configuration = (state_configurations(program) or []) if part.linear and not program.moves_part else []
     arcs = {move.row: number for number, move in enumerate((m for m in part.moves if m.via), len(part.moves) + 1)}
     lines, positions, vias = [], [], []
@@ -90,13 +86,16 @@ def _format_part(part: ProgramPart) -> dict[str, str]:
             vias.append(_format_position(program, move._replace(place=move.via), arcs[move.row], frame, words))
     events = {row: [f"  {line} ;" for line in own] for row, own in part.events.items()}
     body = replace(part, events=events).merge_events(lines)
-    main = len(part.parts) == 1
-    return {f"{part.name}.LS": format_program(part.name, program, frame, body, [*positions, *vias], main)}
+    return _format_file(part, body, [*positions, *vias], main=len(part.parts) == 1)
 
 
 def _format_calls(part: ProgramPart) -> dict[str, str]:
-    frame = int(part.program.post.base or 1) if part.linear else 0
-    return {f"{part.name}.LS": format_program(part.name, part.program, frame, [], [], True, [*part.parts])}
+    return _format_file(part, parts=[*part.parts])
+
+
+def _find_frame(part: ProgramPart) -> int:
+    """Return the number of the user frame of the positions, 0 for joint positions."""
+    return int(part.program.post.base or 1) if part.linear else 0
 
 
 def _format_move(program: Program, move: WrittenMove, number: int, via: int | None, linear: bool) -> str:
@@ -127,34 +126,37 @@ def _format_position(program: Program, move: WrittenMove, number: int, frame: in
     return f"P[{number}]{{\n   GP1:\n\t{head},\n\t{groups}{second}\n}};"
 
 
-def format_program(
-    name: str, program: Program, frame: int, moves: Sequence[str], positions: Sequence[str], main: bool,
+def _format_file(
+    part: ProgramPart, moves: Sequence[str] = (), positions: Sequence[str] = (), *, main: bool = True,
     parts: Sequence[str] = (),
-) -> str:  # fmt: skip
+) -> dict[str, str]:  # fmt: skip
     """Return the file of a program: its head, its numbered instructions, its positions.
 
-    `frame` is the user frame of the positions, 0 for joint positions. Frames are set only in a main program.
+    Frames are set only in a `main` program; `parts` are the programs that it calls.
     """
-    cell = program.post
+    program, cell, frame = part.program, part.program.post, _find_frame(part)
     second = POSITIONER if program.moves_part else 0
     base = program.base_frame if frame and not program.moves_part else None
     wanted = [("UTOOL", cell.tool, program.tool), ("UFRAME", cell.base, base)]
-    words = {
-        "name": name, "comments": [clean_text(line, LONGEST_REMARK) for line in head_lines(program)],
-        "cell": cell.words, "main": main, "frame": frame, "register": REGISTER, "moves": moves, "parts": parts,
-        "positions": positions, "groups": ["1", *("1" if number == second else "*" for number in range(2, 6))],
-        "frames": [(key, number, place_numbers(pose, "xyz")) for key, number, pose in wanted if pose is not None],
-    }  # fmt: skip
-    before, rest = render_post(program, "fanuc_ls", words).split("/MN\n", 1)
+    text = part.render(
+        "fanuc_ls", comments=[clean_text(line, LONGEST_REMARK) for line in head_lines(program)], main=main,
+        frame=frame, register=REGISTER, moves=moves, parts=parts, positions=positions,
+        groups=["1", *("1" if number == second else "*" for number in range(2, 6))],
+        frames=[(key, number, place_numbers(pose, "xyz")) for key, number, pose in wanted if pose is not None],
+    )  # fmt: skip
+    before, rest = text.split("/MN\n", 1)
     body, after = rest.split("/POS\n", 1)
     lines, numbered = 0, list[str]()
     for line in body.split("\n")[:-1]:
         lines += not line.startswith("    :")
         numbered.append(line if line.startswith("    :") else f"{lines:4d}:{line}")
     before = re.sub(r"(?m)^LINE_COUNT\t= \d+;$", f"LINE_COUNT\t= {lines};", before)
-    return "\n".join([f"{before}/MN", *numbered, f"/POS\n{after}"])
+    return {f"{part.name}.LS": "\n".join([f"{before}/MN", *numbered, f"/POS\n{after}"])}
 
 
-def format_main(name: str, program: Program, calls: Sequence[str]) -> str:
+def format_main(part: ProgramPart) -> dict[str, str]:
     """Return the program that calls the programs of several tools."""
-    return format_program(name, program, 0, [], [], False, calls)
+    return _format_file(part, main=False, parts=[*part.parts])
+
+
+FORM = ProgramForm.load("fanuc_ls", lambda poses: place_table(poses, "xyz"), _format_part, _format_calls)

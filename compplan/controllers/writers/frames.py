@@ -7,7 +7,7 @@ import warnings
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from compplan.controllers.writers.joint_convention import locate_links, locate_pendant
+from compplan.controllers.writers.joint_convention import locate_pendant
 from compplan.io.tables import Array
 from compplan.robot import Robot
 
@@ -57,13 +57,6 @@ def flange_turn(robot: Robot) -> Array:
 
 def compute_tool_mass(robot: Robot) -> tuple[float | None, Array]:
     """Return mass [kg] and centre [m] of the bodies on the flange, flange frame; None where no mass is stated."""
-    links = [robot.base, *(joint.child for joint in robot.joints)]
-    beyond = links[links.index(robot.flange) :]
-    poses = locate_links(robot, np.zeros((1, robot.nq)))
-    mass, moment = 0.0, np.zeros(3)
-    for body in robot.bodies:
-        if body.link in beyond:
-            pose_in_frame = np.linalg.inv(poses[robot.flange][0]) @ poses[body.link][0]
-            mass += body.mass
-            moment += body.mass * (pose_in_frame[:3, :3] @ body.centre + pose_in_frame[:3, 3])
+    bodies = robot.bodies_on_flange()
+    mass, moment = sum(body.mass for body in bodies), sum((body.mass * body.centre for body in bodies), np.zeros(3))
     return (mass, moment / mass) if mass > 0.0 else (None, moment)

@@ -9,7 +9,6 @@ import numpy as np
 
 from compplan.controllers.writers.frames import place_numbers, place_table
 from compplan.controllers.writers.language import ProgramForm, ProgramPart, WrittenMove, describe_feeds, need_six_axes
-from compplan.controllers.writers.post import render_post
 from compplan.controllers.writers.program import Program, head_lines
 from compplan.controllers.writers.text import clean_text, list_numbers
 
@@ -20,9 +19,6 @@ LONGEST_REMARK = 32
 TOOL_VARIABLE, FRAME_VARIABLE = 98, 99
 #: Position level within a cut: 1 passes nearest to the point without a stop.
 BLEND = 1
-
-
-FORM = ProgramForm.load("inform", lambda poses: place_table(poses, "xyz"))
 
 
 def write(program: Program, folder: Path, most: int | None = None) -> list[Path]:
@@ -36,7 +32,7 @@ def write(program: Program, folder: Path, most: int | None = None) -> list[Path]
     if not program.moves_part or program.prismatic.any() or len(program.joint_names) - program.outer.sum() != 6:
         need_six_axes(program, "INFORM", sliding=0)
     can = program.moves_part or {"shoulder", "elbow", "wrist"} <= set(program.words)
-    return FORM.write(program, folder, most, _format_part, _format_calls, can=can)
+    return FORM.write(program, folder, most, can=can)
 
 
 def describe(program: Program) -> list[str]:
@@ -49,12 +45,12 @@ def describe(program: Program) -> list[str]:
 
 
 def _format_part(part: ProgramPart) -> dict[str, str]:
-    moves, main = part.merge_events([_format_move(part, move) for move in part.moves]), len(part.parts) == 1
-    return {f"{part.name}.JBI": format_job(part.program, part.name, _list_points(part), moves, main=main)}
+    moves = part.merge_events([_format_move(part, move) for move in part.moves])
+    return _format_job(part, _list_points(part), moves, main=len(part.parts) == 1)
 
 
 def _format_calls(part: ProgramPart) -> dict[str, str]:
-    return {f"{part.name}.JBI": format_job(part.program, part.name, [], [], main=True, parts=[*part.parts])}
+    return _format_job(part, parts=[*part.parts])
 
 
 def _format_move(part: ProgramPart, move: WrittenMove) -> list[str]:
@@ -92,23 +88,26 @@ def find_configuration(program: Program, move: WrittenMove) -> list[int]:
     return [*words, *(int(move.arm[axis] >= 180.0) for axis in (3, 5, 0))]
 
 
-def format_job(
-    program: Program, name: str, points: list[str], moves: list[str], *, main: bool, parts: Sequence[str] = ()
-) -> str:
+def _format_job(
+    part: ProgramPart, points: Sequence[str] = (), moves: Sequence[str] = (), *, main: bool = True,
+    parts: Sequence[str] = (),
+) -> dict[str, str]:  # fmt: skip
     """Return the file of a job: head, positions, instructions; `main` adds frames, header and footer."""
-    words = {
-        "name": name, "count": sum(line.startswith("C") for line in points), "points": points, "main": main,
-        "station": program.moves_part,
-        "cell": program.post.words, "tool_variable": TOOL_VARIABLE,
-        "user": "///POSTYPE USER" in points,
-        "frame_variable": FRAME_VARIABLE, "tool": list_numbers(place_numbers(program.tool, "xyz"), 7),
-        "base": list_numbers(place_numbers(program.base_frame, "xyz"), 7), "moves": moves, "parts": parts,
-        "comments": [clean_text(line, LONGEST_REMARK) for line in head_lines(program)],
-        "mass": "" if program.mass is None else f"{program.mass:.2f}",
-    }  # fmt: skip
-    return render_post(program, "inform", words)
+    program = part.program
+    tool, base = (list_numbers(place_numbers(pose, "xyz"), 7) for pose in (program.tool, program.base_frame))
+    text = part.render(
+        "inform", count=sum(line.startswith("C") for line in points), points=points, main=main, moves=moves,
+        parts=parts, station=program.moves_part, user="///POSTYPE USER" in points, tool=tool, base=base,
+        tool_variable=TOOL_VARIABLE, frame_variable=FRAME_VARIABLE,
+        comments=[clean_text(line, LONGEST_REMARK) for line in head_lines(program)],
+        mass="" if program.mass is None else f"{program.mass:.2f}",
+    )  # fmt: skip
+    return {f"{part.name}.JBI": text}
 
 
-def format_main(name: str, program: Program, calls: Sequence[str]) -> str:
+def format_main(part: ProgramPart) -> dict[str, str]:
     """Return the job that calls the jobs of several tools."""
-    return format_job(program, name, [], [], main=False, parts=calls)
+    return _format_job(part, main=False, parts=[*part.parts])
+
+
+FORM = ProgramForm.load("inform", lambda poses: place_table(poses, "xyz"), _format_part, _format_calls)

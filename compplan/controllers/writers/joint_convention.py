@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Literal
 from xml.etree import ElementTree
@@ -11,7 +12,6 @@ from xml.etree import ElementTree
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import BeforeValidator, Field, model_validator
-from scipy.spatial.transform import Rotation
 
 from compplan.controllers.writers.motion_table import ASSUMED, MotionTable, ServoMotion, read_motion
 from compplan.errors import InputError, ShapeError, UnknownNameError
@@ -21,13 +21,14 @@ from compplan.io.tomlfile import (
     SchemaOne,
     StrictTable,
     Vector3,
-    read_toml_model,
+    check_table,
+    parse_toml,
     refuse_other_types,
 )
 from compplan.robot import Robot
 from compplan.robot.folder import has_moved
-from compplan.robot.pose import build_pose, follow_joints
-from compplan.robot.urdf import Urdf, read_urdf
+from compplan.robot.pose import apply_twist, build_pose, follow_joints
+from compplan.robot.urdf import read_urdf
 
 #: Valid name of a joint, and valid zero [deg or mm].
 JointName = Annotated[str, Field(pattern=r"^[ -~]{0,31}[!-~]$")]
@@ -127,7 +128,12 @@ def _read_table(robot: Robot) -> tuple[ControllerTable | None, Path]:
     """Read controller.toml of the robot's folder, None if it does not exist, and return its path as well."""
     file = (robot.folder or Path()) / "controller.toml"
     there = robot.folder is not None and file.exists()
-    return read_toml_model(ControllerTable, file) if there else None, file
+    return _parse_table(read_text(file), file) if there else None, file
+
+
+@lru_cache(maxsize=8)  # a command reads the same text many times
+def _parse_table(text: str, file: Path) -> ControllerTable:
+    return check_table(ControllerTable, parse_toml(text, file), file=file)
 
 
 def load_controller(robot: Robot) -> JointConvention:
@@ -144,7 +150,7 @@ def load_controller(robot: Robot) -> JointConvention:
     for key, length, what in (("sign", len(table.sign), "numbers"), ("zero_deg", len(table.zero_deg), "numbers"),
                               ("joint_names", len(names), "names")):  # fmt: skip
         if length != nq:
-            raise InputError(f"has {length} {what}, expected {nq}, one a joint", file=file, where=key)
+            raise InputError(f"has {length} {what}, expected {nq}, one per joint", file=file, where=key)
     if len(set(names)) < nq:
         raise InputError(f"is {list(names)}, expected {nq} different names", file=file, where="joint_names")
     coupling = table.coupling or ((0.0,) * nq,) * nq
@@ -160,8 +166,7 @@ def load_controller(robot: Robot) -> JointConvention:
             raise UnknownNameError("joint", word.joint, list(robot.joint_names), file=file, where=where)
         if word.joint is None and not {word.point, word.frame} <= set(links):
             raise InputError(f"needs a joint, or a point and a frame from {links}", file=file, where=where)
-    turn = Rotation.from_rotvec(np.radians(table.world.rotation_deg))
-    world = build_pose(np.array(table.world.position_mm) * 1e-3, turn.as_matrix())
+    world = apply_twist(np.r_[np.array(table.world.position_mm) * 1e-3, np.radians(table.world.rotation_deg)])
     zero, words = np.array(table.zero_deg, float), table.configuration
     unchecked = "" if table.checked else NOT_CHECKED
     return JointConvention(table.controller, tuple(names), robot.prismatic, matrix, zero, words, world, unchecked)
@@ -235,13 +240,6 @@ def measure_words(
             above, distance = place >= word.threshold_mm, np.abs(place - word.threshold_mm)
         found[key] = np.where(above, word.above, word.below), distance
     return found
-
-
-def name_words(
-    controller: JointConvention, robot: Robot, q: Array, poses: Mapping[str, Array]
-) -> dict[str, NDArray[np.str_]]:
-    """Return the value of each configuration word at every waypoint: {"elbow": ["up", ...], ...}."""
-    return {key: values for key, (values, _) in measure_words(controller, robot, q, poses).items()}
 
 
 def native_words(counting: JointConvention, words: Mapping[str, NDArray[np.str_]]) -> dict[str, NDArray[np.str_]]:
@@ -318,23 +316,15 @@ def locate_pendant(robot: Robot) -> Pendant | None:
 def _find_tool0(robot: Robot) -> Array | None:
     """Return the pose of a frame tool0 at the origin of the flange, in the flange frame, or None. Shape (4, 4)."""
     urdf = read_urdf(robot.urdf, Path("robot.urdf") if robot.folder is None else robot.folder / "robot.urdf")
-    if "tool0" not in urdf.links or robot.flange not in urdf.links:
+    if not {"tool0", robot.flange} <= set(urdf.links):
         return None
     try:
-        tails = [_fixed_tail(urdf, link) for link in (robot.flange, "tool0")]
+        chains = [urdf.chain_to(link)[0] for link in (robot.flange, "tool0")]
     except InputError:
         return None
-    (carrier, flange), (other, tool) = tails
+    flange, tool = (follow_joints(chain[0].parent, chain, {})[chain[-1].child] for chain in chains)
     turn = np.linalg.inv(flange) @ tool
-    if carrier != other or np.abs(turn[:3, 3]).max() > SAME_PLACE:
+    moving = [[joint.name for joint in chain if joint.kind != "fixed"] for chain in chains]
+    if moving[0] != moving[1] or np.abs(turn[:3, 3]).max() > SAME_PLACE:
         return None
-    turn[:3, 3] = 0.0
-    return np.asarray(turn)
-
-
-def _fixed_tail(urdf: Urdf, link: str) -> tuple[str, Array]:
-    """Return the last moving joint before a link, and the link's pose in the frame of that joint's child."""
-    carrier, pose = "", np.eye(4)
-    for joint in urdf.chain_to(link)[0]:
-        carrier, pose = (carrier, pose @ joint.placement) if joint.kind == "fixed" else (joint.name, np.eye(4))
-    return carrier, pose
+    return build_pose(np.zeros(3), turn[:3, :3])

@@ -17,8 +17,6 @@ LONGEST_VARIABLE = 9
 #: Required accuracy at a point within a cut. [mm]
 ACCURACY = 0.1
 
-FORM = ProgramForm.load("kawasaki_as", lambda poses: place_table(poses, "ZYZ"))
-
 
 def write(program: Program, folder: Path, most: int | None = None) -> list[Path]:
     """Write NAME.as with joint moves (JMOVE), and NAME_L.as with lines and arcs (LMOVE, C1MOVE, C2MOVE).
@@ -28,7 +26,7 @@ def write(program: Program, folder: Path, most: int | None = None) -> list[Path]
     language: linear moves keep the branch of the joint move before them. A sliding joint is the seventh value.
     """
     need_six_axes(program, "Kawasaki AS", sliding=1)
-    return FORM.write(program, folder, most, _format_part, _format_calls, can=True)
+    return FORM.write(program, folder, most, can=True)
 
 
 def _format_part(part: ProgramPart) -> dict[str, str]:
@@ -61,3 +59,6 @@ def _format_calls(part: ProgramPart) -> dict[str, str]:
         load = list_numbers([program.mass, *program.centre * 1e3], 3)
     tool, base = (list_numbers(place_numbers(pose, "ZYZ"), 7) for pose in (program.tool, program.base_frame))
     return {f"{part.name}.as": part.render("kawasaki_as", load=load, accuracy=ACCURACY, base=base, tool=tool)}
+
+
+FORM = ProgramForm.load("kawasaki_as", lambda poses: place_table(poses, "ZYZ"), _format_part, _format_calls)

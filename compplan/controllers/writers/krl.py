@@ -26,7 +26,6 @@ POSITIONER = 2
 PLACE = "X {:.5f},Y {:.5f},Z {:.5f},A {:.6f},B {:.6f},C {:.6f}"
 FRAME = "{{X {:.7f},Y {:.7f},Z {:.7f},A {:.7f},B {:.7f},C {:.7f}}}"
 JOINTS = "A1 {:.6f},A2 {:.6f},A3 {:.6f},A4 {:.6f},A5 {:.6f},A6 {:.6f}"
-FORM = ProgramForm.load("krl", lambda poses: place_table(poses, "ZYX"))
 
 
 def write(program: Program, folder: Path, most: int | None = None) -> list[Path]:
@@ -38,7 +37,7 @@ def write(program: Program, folder: Path, most: int | None = None) -> list[Path]
     carry the part, $BASE moves with it (EK).
     """
     order_joints(program, ARM, "KRL")
-    return FORM.write(program, folder, most, _format_part, _format_calls, can=program.status is not None)
+    return FORM.write(program, folder, most, can=program.status is not None)
 
 
 def turn_bits(arm: Sequence[float]) -> int:
@@ -137,3 +136,6 @@ def _format_calls(part: ProgramPart) -> dict[str, str]:
         rail=bool(program.prismatic.any()) and not program.moves_part, carried=program.moves_part,
     )  # fmt: skip
     return {f"{part.name}.src": text}
+
+
+FORM = ProgramForm.load("krl", lambda poses: place_table(poses, "ZYX"), _format_part, _format_calls)

@@ -69,13 +69,19 @@ class ProgramPart:
         return render_post(program, language, {**known, **words})
 
 
+FormatPart = Callable[[ProgramPart], dict[str, str]]
+
+
 @dataclass(frozen=True)
 class ProgramForm:
-    """Names, files, phrases (languages.toml) and number format of poses of a language's programs."""
+    """Names, files, phrases (languages.toml), number format of poses, and texts of a language's programs."""
 
     language: str  #: Name of its file.
     #: Conversion of poses to the numbers of the language. Shape (n, 4, 4) [m] -> (n, k).
     numbers: Callable[[Array], Array]
+    format_part: FormatPart  #: Texts of a part by file name.
+    #: Texts of the program that calls the parts, from a part without rows; None where there is no such program.
+    format_calls: FormatPart | None
     phrases: Phrases  #: Phrases for events.
     cell: CellWords  #: Tool and frame data of a cell that it can call.
     title: str  #: Name of the language in messages.
@@ -85,6 +91,7 @@ class ProgramForm:
     moves_part: bool = False  #: Whether its programs move joints that carry the part.
     reserved: Collection[str] = ()  #: Reserved words that cannot be names.
     letters: str = ""  #: Case of names: "upper", "lower", "" unchanged.
+    two_letters: bool = False  #: Whether names begin with two letters, or a letter and _.
     endings: Sequence[str] = ("", "_L")  #: Endings of the names of joint and linear programs.
     between: str = "_"  #: Separator before the number of a part.
     single: bool = False  #: Whether a program of one part is written without a main program.
@@ -99,31 +106,27 @@ class ProgramForm:
     longest_main: int = 0  #: Greatest number of letters of the name of a multi-tool main program; 0: `longest`.
 
     @classmethod
-    def load(cls, language: str, numbers: Callable[[Array], Array]) -> ProgramForm:
+    def load(
+        cls, language: str, numbers: Callable[[Array], Array], format_part: FormatPart,
+        format_calls: FormatPart | None = None,
+    ) -> ProgramForm:  # fmt: skip
         """Return the form of a language of languages.toml."""
         table = {key: value for key, value in LANGUAGES[language].items() if key in cls.__dataclass_fields__}
         table |= {"phrases": Phrases(**table["phrases"]), "cell": CellWords(**table.get("cell", {}))}
-        return cls(language, numbers, **table)
+        return cls(language, numbers, format_part, format_calls, **table)
 
-    def write(
-        self, program: Program, folder: Path, most: int | None, format_part: Callable[[ProgramPart], dict[str, str]],
-        format_main: Callable[[ProgramPart], dict[str, str]] | None, *, can: bool,
-    ) -> list[Path]:  # fmt: skip
-        """Write the joint program and, where the language `can`, the linear one; return the files.
-
-        `format_part` returns the texts of a part by file name. `format_main` returns those of the program that calls
-        the parts; it gets a part without rows.
-        """
+    def write(self, program: Program, folder: Path, most: int | None, *, can: bool) -> list[Path]:
+        """Write the joint program and, where the language `can`, the linear one; return the files."""
         points = most or self.most
         name = self.name_program(program, points)
         texts: dict[str, str] = {}
         if program.form != "linear" or not can:
-            texts |= self.format_kind(program, name, points, format_part, format_main, linear=False)
+            texts |= self.format_kind(program, name, points, linear=False)
         if can and program.form != "joint":
             fitted = self.fit(program).program
             if not self.narrows:  # stop where the default zone is too large
                 fitted = replace(fitted, exact=fitted.stops(linear=True) | mark_narrow(fitted, self.language))
-            texts |= self.format_kind(fitted, name, points, format_part, format_main, linear=True)
+            texts |= self.format_kind(fitted, name, points, linear=True)
         return write_texts(folder, texts, self.newline)
 
     def fit(self, program: Program) -> Fitted:
@@ -135,6 +138,8 @@ class ProgramForm:
         room = len(str(max(1, -(-len(program) // max(most, 1))))) if self.numbered else 0
         own = (self.by_main and program.post.main) or program.name
         name = legal_name(own, self.longest - room, reserved=self.reserved)
+        if self.two_letters and (len(name) < 2 or name[1].isdigit()):
+            name = f"p_{name}"
         return {"upper": name.upper(), "lower": name.lower()}.get(self.letters, name)
 
     def divide(self, name: str, count: int, most: int) -> dict[str, slice]:
@@ -146,10 +151,7 @@ class ProgramForm:
             return {name: slice(0, count)}
         return {f"{name}{self.between}{k}": slice(*rows) for k, rows in enumerate(pairwise(edges), start=1)}
 
-    def format_kind(
-        self, program: Program, name: str, most: int, format_part: Callable[[ProgramPart], dict[str, str]],
-        format_main: Callable[[ProgramPart], dict[str, str]] | None, *, linear: bool,
-    ) -> dict[str, str]:  # fmt: skip
+    def format_kind(self, program: Program, name: str, most: int, *, linear: bool) -> dict[str, str]:
         """Return the files of a joint program, or of a linear one, by file name."""
         program = replace(program, post=check_cell(program.post, self.cell, self.title))
         # a single program that is named by the job has no ending
@@ -159,13 +161,13 @@ class ProgramForm:
         events = phrase_events(program.events, program.wiring, self.phrases, self.title)
         texts: dict[str, str] = {}
         for part, rows in parts.items():
-            texts |= format_part(ProgramPart(program, whole, part, parts, rows, linear, moves, events))
-        if format_main and (len(parts) > 1 or not self.single):
-            texts |= format_main(ProgramPart(program, whole, whole, parts, slice(0, 0), linear, moves, {}))
+            texts |= self.format_part(ProgramPart(program, whole, part, parts, rows, linear, moves, events))
+        if self.format_calls and (len(parts) > 1 or not self.single):
+            texts |= self.format_calls(ProgramPart(program, whole, whole, parts, slice(0, 0), linear, moves, {}))
         return texts
 
 
-def write_texts(folder: Path, texts: Mapping[str, str], newline: str = "\n") -> list[Path]:
+def write_texts(folder: Path, texts: Mapping[str, str], newline: str) -> list[Path]:
     """Write texts by file name; return the files."""
     for name, text in texts.items():
         write_text(folder / name, text, newline=newline)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from compplan.errors import InputError
+from compplan.io.quantities import shorten
 from compplan.io.tables import Array
 from compplan.io.tomlfile import StrictTable
 
@@ -61,6 +62,16 @@ class ServoMotion:
     source: str = ASSUMED  #: Origin of the data, or "assumed".
 
 
+def _list_units(prismatic: NDArray[np.bool_]) -> dict[str, tuple[str, Any]]:
+    """Return the attribute of `ServoMotion` and the unit of each number in a section [motion]."""
+    return {
+        "cycle_ms": ("cycle", 1e-3), "blend_share": ("blend_share", 1.0),
+        "acceleration_mm_s2": ("acceleration", 1e-3), "smoothing_ms": ("smoothing", 1e-3), "lag_ms": ("lag", 1e-3),
+        "acceleration_lag_ms2": ("acceleration_lag", 1e-6),
+        "lost_motion_deg": ("lost_motion", np.where(prismatic, 1e-3, np.pi / 180.0)),
+    }  # fmt: skip
+
+
 def read_motion(
     table: MotionTable | None, prismatic: NDArray[np.bool_], limits: tuple[Array, Array], file: Path | None = None
 ) -> ServoMotion:
@@ -73,30 +84,21 @@ def read_motion(
     """
     table = MotionTable() if table is None else table
     nq = len(prismatic)
-    lists: dict[str, Array] = {}
-    for key in ("lag_ms", "acceleration_lag_ms2", "lost_motion_deg"):
+    values: dict[str, Any] = {}
+    for key, (name, unit) in _list_units(prismatic).items():
         given = getattr(table, key)
-        if given is not None and len(given) != nq:
-            raise InputError(f"has {len(given)} numbers, expected {nq}, one a joint", file=file, where=f"motion.{key}")
-        lists[key] = np.zeros(nq) if given is None else np.array(given, dtype=np.float64)
+        given = (0.0,) * nq if given is None else given
+        if isinstance(given, tuple) and len(given) != nq:
+            message = f"has {len(given)} numbers, expected {nq}, one per joint"
+            raise InputError(message, file=file, where=f"motion.{key}")
+        values[name] = unit * (np.array(given, dtype=np.float64) if isinstance(given, tuple) else given)
     velocity, acceleration = limits
     acceleration = np.where(np.isfinite(acceleration), acceleration, velocity / FULL_SPEED)
-    unit = np.where(prismatic, 1e-3, np.pi / 180.0)
-    return ServoMotion(
-        1e-3 * table.cycle_ms, table.blend_share, 1e-3 * table.acceleration_mm_s2, 1e-3 * table.smoothing_ms,
-        1e-3 * lists["lag_ms"], 1e-6 * lists["acceleration_lag_ms2"], lists["lost_motion_deg"] * unit,
-        velocity, acceleration, table.source,
-    )  # fmt: skip
+    return ServoMotion(**values, velocity_limits=velocity, acceleration_limits=acceleration, source=table.source)
 
 
 def tabulate_motion(motion: ServoMotion, prismatic: NDArray[np.bool_]) -> Mapping[str, Any]:
     """Return a motion model as a section [motion]."""
-    unit = np.where(prismatic, 1e3, 180.0 / np.pi)
-    stated = {
-        "cycle_ms": 1e3 * motion.cycle, "blend_share": motion.blend_share,
-        "acceleration_mm_s2": 1e3 * motion.acceleration, "smoothing_ms": 1e3 * motion.smoothing,
-        "lag_ms": 1e3 * motion.lag, "acceleration_lag_ms2": 1e6 * motion.acceleration_lag,
-        "lost_motion_deg": motion.lost_motion * unit,
-    }  # fmt: skip
-    digits = {key: np.vectorize(lambda value: float(f"{value:.6g}"))(values) for key, values in stated.items()}
+    stated = {key: getattr(motion, name) / unit for key, (name, unit) in _list_units(prismatic).items()}
+    digits = {key: np.vectorize(shorten)(values) for key, values in stated.items()}
     return {**{key: values.tolist() for key, values in digits.items()}, "source": motion.source}

@@ -11,7 +11,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from functools import cache
+from functools import lru_cache
 from importlib.resources import files
 from typing import TYPE_CHECKING, Any
 
@@ -22,7 +22,7 @@ from compplan.io.notes import Stop
 from compplan.io.tables import dump_json, read_text
 
 if TYPE_CHECKING:
-    from jinja2 import Environment
+    from jinja2 import Template
 
 #: Letters of a line that a controller accepts, unless languages.toml has a number (assumed).
 LONGEST_LINE = 1000
@@ -49,7 +49,9 @@ def check_cell(post: Post, cell: CellWords, language: str) -> Post:
         if value is None:
             continue
         if not kind:
-            raise InputError(f"output.cell {key} is {value!r}, {language} programs hold their own")
+            raise InputError(
+                f"output.cell {key} is {value!r}, but {language} programs define it themselves; leave it out"
+            )
         if not (isinstance(value, int) if kind == "number" else isinstance(value, str) and value.isidentifier()):
             word = "a number" if kind == "number" else "a name of the cell's"
             raise InputError(f"output.cell {key} is {value!r}, {language} takes {word}")
@@ -80,7 +82,7 @@ def render_post(program: Program, language: str, words: Mapping[str, Any]) -> st
     text = read_post(language) if own is None else read_text(own)
     data = to_plain(words)
     try:
-        made = _environment().from_string(text).render(data)
+        made = _compile_template(text).render(data)
     except TemplateError as error:
         line = getattr(error, "lineno", None)
         raise InputError(f"is not a template of {language}: {error.message or error}", file=own, where=line) from None
@@ -98,7 +100,7 @@ def render_post(program: Program, language: str, words: Mapping[str, Any]) -> st
 
 def render_own(name: str, words: Mapping[str, Any]) -> str:
     """Render a template of the package that users cannot replace."""
-    return _environment().from_string(read_post(name)).render(to_plain(words))
+    return _compile_template(read_post(name)).render(to_plain(words))
 
 
 def read_post(language: str) -> str:
@@ -117,11 +119,12 @@ def to_plain(words: Mapping[str, Any]) -> Any:
     return json.loads(dump_json(words))
 
 
-@cache
-def _environment() -> Environment:
+@lru_cache(maxsize=32)
+def _compile_template(text: str) -> Template:
     from jinja2 import StrictUndefined
     from jinja2.sandbox import ImmutableSandboxedEnvironment
 
-    return ImmutableSandboxedEnvironment(
+    environment = ImmutableSandboxedEnvironment(
         undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True, autoescape=False
     )
+    return environment.from_string(text)

@@ -17,7 +17,7 @@ from compplan.controllers.writers.joint_convention import (
     krl_status,
     load_controller,
     locate_links,
-    name_words,
+    measure_words,
     native_words,
     to_controller,
 )
@@ -241,7 +241,8 @@ def build_program(
     """
     believed, controller = controller_robot(robot), load_controller(robot)
     limits, joints, poses = robot.velocity_limits, to_controller(controller, q), locate_links(believed, q)
-    words, tip, turned = name_words(controller, believed, q, poses), poses[robot.tcp], flange_turn(robot)
+    words = {key: values for key, (values, _) in measure_words(controller, believed, q, poses).items()}
+    tip, turned = poses[robot.tcp], flange_turn(robot)
     mass, centre = compute_tool_mass(robot)
     return Program(
         name=name,
@@ -298,18 +299,17 @@ def joint_shares(program: Program) -> Array:
 
     The duration of a move is the difference of `time`, otherwise distance over feed. Shape (n,).
     """
-    shares = np.full(len(program), np.nan)
+    if program.rates is None:
+        return np.full(len(program), np.nan)
+    share = np.max(np.abs(np.diff(program.joints, axis=0, prepend=np.nan)) / program.rates, axis=1)
     if program.time is not None:
-        duration = np.diff(program.time)
+        duration = np.diff(program.time, prepend=np.nan)
     else:
-        distance = np.linalg.norm(np.diff(program.tcp[:, :3, 3], axis=0), axis=1) * 1e3
-        duration = np.where(program.feed[1:] > 0.0, distance / np.maximum(program.feed[1:], 1e-9), np.nan)
-    if program.rates is not None and len(program) > 1:
-        share = np.max(np.abs(np.diff(program.joints, axis=0)) / program.rates, axis=1)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            wanted = share / duration
-        shares[1:] = np.where(np.isfinite(wanted) & ~program.rapid[1:], wanted, np.nan)
-    return shares
+        distance = np.linalg.norm(np.diff(program.tcp[:, :3, 3], axis=0, prepend=np.nan), axis=1) * 1e3
+        duration = distance / np.where(program.feed > 0.0, program.feed, np.nan)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        shares = share / duration
+    return np.where(np.isfinite(shares) & ~program.rapid, shares, np.nan)
 
 
 def joint_percent(program: Program, rapid: float = 100.0, least: float = 1.0) -> Array:

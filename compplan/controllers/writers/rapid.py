@@ -28,9 +28,6 @@ def _state_poses(poses: Array) -> Array:
     return np.column_stack([poses[:, :3, 3] * 1e3, quaternions(poses)])
 
 
-FORM = ProgramForm.load("rapid", _state_poses)
-
-
 def write(program: Program, folder: Path, most: int | None = None) -> list[Path]:
     """Write NAME.mod with joint moves and, where poses are known, NAME_L.mod with linear ones; each calls its parts.
 
@@ -41,7 +38,7 @@ def write(program: Program, folder: Path, most: int | None = None) -> list[Path]
     turning, sliding = np.flatnonzero(~program.outer), np.flatnonzero(program.outer)
     if len(turning) > 6 or len(sliding) > 6:
         raise InputError(f"RAPID targets take six rotating and six external axes, not {list(program.joint_names)}")
-    return FORM.write(program, folder, most, _format_part, _format_calls, can=len(turning) == 6)
+    return FORM.write(program, folder, most, can=len(turning) == 6)
 
 
 def _format_part(part: ProgramPart) -> dict[str, str]:
@@ -106,3 +103,6 @@ def _format_tool(program: Program) -> str:
     if program.mass is not None:
         mass, centre = f"{program.mass:.3f}", ",".join(f"{value:.3f}" for value in program.centre * 1e3)
     return f"[TRUE,{frame},[{mass},[{centre}],[1,0,0,0],0,0,0]]"
+
+
+FORM = ProgramForm.load("rapid", _state_poses, _format_part, _format_calls)

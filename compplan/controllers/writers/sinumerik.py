@@ -17,14 +17,12 @@ from compplan.controllers.writers.language import (
     WrittenMove,
     change,
     need_six_axes,
-    write_texts,
 )
 from compplan.controllers.writers.program import Program
 from compplan.errors import InputError
 from compplan.io.tables import Array
 
 name = "sinumerik"
-FORM = ProgramForm.load("sinumerik", lambda poses: place_table(poses, "xyz"))
 
 
 def write(program: Program, folder: Path, most: int | None = None) -> list[Path]:
@@ -39,22 +37,18 @@ def write(program: Program, folder: Path, most: int | None = None) -> list[Path]
     need_six_axes(program, "SINUMERIK", sliding=1)
     if program.status is None:
         raise InputError("SINUMERIK programs need configuration words with status in controller.toml")
-    fitted, points = FORM.fit(program).program, most or FORM.most
 
     def state_poses(poses: Array) -> Array:
         turned = poses.copy()
         turned[:, :3, :3] = turned[:, :3, :3] @ program.tool[:3, :3].T
         return place_table(turned, "xyz")
 
-    name = FORM.name_program(fitted, points).upper()
-    name = name if name[1:2].isalpha() or name[1:2] == "_" else f"P_{name}"
-    format_part = partial(_format_part, {"zone": "G642"}, 1e3 * fitted.via_positions[:, :3, 3] + 0.0)
-    form = replace(FORM, numbers=state_poses)
-    return write_texts(folder, form.format_kind(fitted, name, points, format_part, _format_calls, linear=True))
+    form = replace(FORM, numbers=state_poses, format_part=partial(_format_part, {"zone": "G642"}))
+    return form.write(replace(program, form="linear"), folder, most, can=True)
 
 
-def _format_part(modal: dict[str, str], middles: Array, part: ProgramPart) -> dict[str, str]:
-    """Format a part; `modal`: modal travel and zone commands of the part before, `middles`: via points of arcs."""
+def _format_part(modal: dict[str, str], part: ProgramPart) -> dict[str, str]:
+    """Format a part; `modal`: modal travel and zone commands of the part before."""
     lines = []
     for move in part.moves:
         zone = "G642" if move.zone == np.inf else f"G641 ADIS={1e3 * move.zone:.3f}"
@@ -62,7 +56,7 @@ def _format_part(modal: dict[str, str], middles: Array, part: ProgramPart) -> di
             *(["; the configuration changes: PTP travel"] if move.swings else []),
             *change(modal, "travel", "PTP" if move.kind == "joint" else "CP"),
             *change(modal, "zone", "" if move.stops else zone),
-            _format_move(part, move, middles[move.row].tolist()),
+            _format_move(part, move),
         ])  # fmt: skip
     blocks = part.merge_events(lines)
     if len(part.parts) == 1:
@@ -83,7 +77,7 @@ def _format_program(part: ProgramPart, blocks: Sequence[str]) -> str:
     )  # fmt: skip
 
 
-def _format_move(part: ProgramPart, move: WrittenMove, middle: list[float]) -> str:
+def _format_move(part: ProgramPart, move: WrittenMove) -> str:
     program, exact, number = part.program, " G9" if move.stops else "", f"N{10 * (move.row + 1)} "
     names, digits = ("X", "Y", "Z", "A2=", "B2=", "C2=", "E1="), (5, 5, 5, 6, 6, 6, 5)
     words = [
@@ -95,6 +89,9 @@ def _format_move(part: ProgramPart, move: WrittenMove, middle: list[float]) -> s
         return f"{number}G0 {' '.join(words)} STAT={status} TU={turn_bits(move.arm)}{exact}"
     code, through = "G1", ""
     if move.kind == "arc":
-        code, through = "CIP", " I1=AC({:.5f}) J1=AC({:.5f}) K1=AC({:.5f})".format(*middle)
+        code, through = "CIP", " I1=AC({:.5f}) J1=AC({:.5f}) K1=AC({:.5f})".format(*move.via[:3])
     cam = program.write_comment_line(move.row, ";")
     return f"{number}{code} {' '.join(words)}{through} F{move.feed * 60.0:.3f}{exact}{cam}"
+
+
+FORM = ProgramForm.load("sinumerik", lambda poses: place_table(poses, "xyz"), partial(_format_part, {}), _format_calls)

@@ -27,9 +27,6 @@ def _state_poses(poses: Array) -> Array:
     return np.asarray(np.round(np.column_stack([poses[:, :3, 3], rotation_vectors(poses)]), 9) + 0.0, np.float64)
 
 
-FORM = ProgramForm.load("urscript", _state_poses)
-
-
 def write(program: Program, folder: Path, most: int | None = None) -> list[Path]:
     """Write NAME.script with joint moves and, where poses are known, NAME_L.script with linear ones.
 
@@ -38,7 +35,7 @@ def write(program: Program, folder: Path, most: int | None = None) -> list[Path]
     (pose_trans). The controller has no configuration words: linear moves keep the branch of the joint move before them.
     """
     need_six_axes(program, "URScript", sliding=0)
-    return FORM.write(program, folder, most, _format_part, None, can=True)
+    return FORM.write(program, folder, most, can=True)
 
 
 def _format_part(part: ProgramPart) -> dict[str, str]:
@@ -97,3 +94,6 @@ def _blend_radii(part: ProgramPart) -> Array:
     stated = np.array([move.zone for move in part.every])
     radius = np.where(program.corners, stated, np.minimum(radius, stated)) if part.linear else radius
     return np.where([move.stops for move in part.every], 0.0, radius)
+
+
+FORM = ProgramForm.load("urscript", _state_poses, _format_part)

@@ -8,12 +8,11 @@ from pathlib import Path
 import numpy as np
 
 from compplan.controllers.writers.frames import place_numbers, place_table
-from compplan.controllers.writers.language import ProgramForm, ProgramPart, change
+from compplan.controllers.writers.language import ProgramForm, ProgramPart, change, need_six_axes
 from compplan.controllers.writers.machine import name_signal
 from compplan.controllers.writers.post import render_own
 from compplan.controllers.writers.program import Program, head_lines
 from compplan.controllers.writers.zones import ZONES
-from compplan.errors import InputError
 
 name = "val3"
 #: Formats of frames, points with their configuration, and joints in the data of a project.
@@ -28,9 +27,6 @@ WORDS = {
 }
 
 
-FORM = ProgramForm.load("val3", lambda poses: place_table(poses, "XYZ"))
-
-
 def write(program: Program, folder: Path, most: int | None = None) -> list[Path]:
     """Write the project NAME with joint motions and, where poses are known, NAME_L with linear ones.
 
@@ -38,10 +34,8 @@ def write(program: Program, folder: Path, most: int | None = None) -> list[Path]
     through joint positions, movel through points in the part frame, with the feed as speed limit. Rapid moves and
     configuration changes are joint motions at 20 % of the joint rates and stop at their end.
     """
-    if program.joints.shape[1] != 6 or program.prismatic.any():
-        message = f"VAL3 programs are written for six rotating joints, this robot has {list(program.joint_names)}"
-        raise InputError(message)
-    return FORM.write(program, folder, most, _format_part, _format_project, can=True)
+    need_six_axes(program, "VAL3", sliding=0)
+    return FORM.write(program, folder, most, can=True)
 
 
 def _format_part(part: ProgramPart) -> dict[str, str]:
@@ -142,3 +136,6 @@ def _name_configurations(program: Program) -> list[str]:
         words = native if native and {*native} <= known else [same] * len(program)
         columns.append([f'{key}="{word}"' for word in words])
     return [" ".join(words) for words in zip(*columns, strict=True)]
+
+
+FORM = ProgramForm.load("val3", lambda poses: place_table(poses, "XYZ"), _format_part, _format_project)

@@ -77,7 +77,7 @@ def find_zones(program: Program, zone: BlendZone) -> tuple[Array, Array, Array]:
     for k in np.flatnonzero(np.isfinite(via[:, 0]) & ~alone & (np.arange(len(via)) > 0)).tolist():
         arc = find_arc(position[k - 1], via[k], position[k])
         if arc is not None:
-            leaves[k], comes[k] = arc.directions()
+            leaves[k], comes[k] = arc.tangent(0.0), arc.tangent(arc.sweep)
     turn = np.linalg.norm(np.r_[leaves[1:], comes[-1:]] - comes, axis=1)
     corners, departure = program.corners[kept], program.corner[kept]
     if program.corner_shift is not None:

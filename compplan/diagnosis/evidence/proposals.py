@@ -241,25 +241,16 @@ def find_series(angle: Array, pull: Array, weight: Array, grid: Array, slides: b
     `angle`, shape (n,); `grid` holds the cycles to evaluate.
     """
     _, rest = _take_out_line(angle, pull, weight)
-    order, scale = np.arange(1, len(OVERTONES) + 1), np.repeat(OVERTONES, 2)
-    # products of sine and cosine of j x and k x are those of their sum and difference
-    wave, power = _turn(angle[:, None] * grid * (2 * np.pi if slides else 1.0)), np.ones((), complex)
-    of_weight, of_rest = [np.full(len(grid), weight.sum(), complex)], []
-    for number in range(1, 2 * len(order) + 1):
-        power = power * wave
-        of_weight.append(weight @ power)
-        if number in order:
-            of_rest.append(rest @ power)
-    total, apart = order[:, None] + order, order[:, None] - order
-    plus, minus = np.array(of_weight)[total], np.array(of_weight)[np.abs(apart)]
-    turned = np.sign(apart)[:, :, None] * minus.imag
-    blocks = np.array([[minus.real - plus.real, plus.imag + turned], [plus.imag - turned, minus.real + plus.real]])
-    moments = 0.5 * np.transpose(blocks, (4, 2, 0, 3, 1)).reshape(len(grid), len(scale), -1) * np.outer(scale, scale)
-    against = np.stack([np.imag(of_rest), np.real(of_rest)]).transpose(2, 1, 0).reshape(len(grid), -1) * scale
+    overtones = np.arange(1, len(OVERTONES) + 1)
+    # scaled sine and cosine of every overtone for every cycle: (cycles, 2 overtones, n)
+    turn = _turn(np.multiply.outer(grid, angle) * (2 * np.pi if slides else 1.0))[:, None] ** overtones[:, None]
+    shape = (len(grid), -1, len(angle))
+    columns = (np.stack([turn.imag, turn.real], axis=2) * np.array(OVERTONES)[:, None, None]).reshape(shape)
+    moments, against = columns * weight @ np.swapaxes(columns, 1, 2), columns @ rest
     sine = moments[:, :2, :2] + 1e-9 * weight.sum() * np.eye(2)
     squares = np.einsum("fk,fk->f", against[:, :2], np.linalg.solve(sine, against[:, :2, None])[..., 0])
     size = np.sqrt(2.0 * squares.max() / weight.sum())
-    inner = np.eye(len(scale)) + size**2 * moments
+    inner = np.eye(columns.shape[1]) + size**2 * moments
     explained = size**2 * np.einsum("fk,fk->f", against, np.linalg.solve(inner, against[..., None])[..., 0])
     return float(grid[np.argmax(explained - np.linalg.slogdet(inner)[1])])
 

@@ -33,7 +33,7 @@ from compplan.diagnosis.validation.unmodelled import UNMODELLED
 from compplan.effects import apply_effects, build_model, solve_model_poses, transmission_error
 from compplan.effects.linearization import Linearization, Place, linearize_model
 from compplan.measurement.campaign import Campaign
-from compplan.measurement.pose_selection import grow_choice, odds_gains, weight_rows
+from compplan.measurement.pose_selection import explain_rows, grow_choice, odds_gains
 from compplan.robot import Array, Robot
 from compplan.statics.chain import build_chain, locate_frames
 
@@ -195,8 +195,8 @@ def pick_poses(mean: Array, covariance: Array, rows: Array) -> tuple[list[int], 
     Returns:
         Their numbers, and the expected log likelihood ratio of all of them together.
     """
-    gains = weight_rows(odds_gains, covariance, rows, 1.0, mean)
-    picked = list(grow_choice(gains, min(FEW_ROWS, len(rows))))
+    most = min(FEW_ROWS, len(rows))
+    picked = list(grow_choice(lambda taken: odds_gains(*explain_rows(mean, covariance, rows[taken], 1.0), rows), most))
     return [pose for pose, _ in picked], sum(added for _, added in picked)
 
 

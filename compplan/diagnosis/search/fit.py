@@ -154,8 +154,10 @@ def _search_equations(
 
 def _build_search(problem: Problem, equations: NormalEquations, start: Hyper) -> Search:
     free = [n for n, s in enumerate(equations.signatures) if s.name == REGISTRATION]
-    candidates = [n for n in range(len(equations.signatures)) if n not in free]
     robot, prior = problem.robot, build_prior(equations, free, problem.excluded)
+    # a base frame moves whatever the placement of the first joint moves
+    same = [("link_geometry", robot.joint_names[0])] if "base_frame" in {s.name for s in equations.signatures} else []
+    candidates = [n for n, s in enumerate(equations.signatures) if n not in free and (s.name, s.joint) not in same]
     springs = any(spring.compliance > 0.0 for spring in robot.springs) or bool(robot.link_elasticities)
     # under varying loads, small compliances everywhere are fitted as well, and deflect
     rigid = not (springs or problem.campaign.load_varies or any(e.name in SOFT for e in problem.fixed))

@@ -12,7 +12,7 @@ import numpy as np
 
 from compplan.diagnosis.data.shared import ROUNDING
 from compplan.diagnosis.search.state import Fit
-from compplan.effects import Effect
+from compplan.effects import Effect, thermal_drift
 from compplan.effects.gravity_sag import JOINTS
 from compplan.effects.link_compliance import SHARE
 from compplan.effects.payload import carried_payload, payload_values
@@ -37,6 +37,10 @@ class SizeLimits:
     over_rating: float = 1.1
     #: Largest distance of a mass's centre behind the flange (assumed: the length of a wrist, with its cables). [m]
     most_offset: float = 0.1
+    #: Warming of a link within a campaign (assumed: working arms warm up by 10 to 30 K), and its growth (theory: of
+    #: aluminium). [K, 1/K]
+    most_warmed: float = 40.0
+    expansion: float = 2.4e-5
 
 
 LIMITS = SizeLimits()
@@ -51,7 +55,7 @@ def find_breach(fit: Fit, effect: Effect, explained: float, gap: float) -> str:
         return f"it moves the target by {1e3 * explained:.3g} mm, the gap is {1e3 * gap:.3g} mm"
     check = {
         "payload": _check_payload, "link_compliance": _check_bending, "base_compliance": _check_bending,
-        "joint_stiffness": _check_bending, "gravity_sag": _check_bending,
+        "joint_stiffness": _check_bending, "gravity_sag": _check_bending, "thermal_drift": _check_growth,
     }.get(effect.name)  # fmt: skip
     return "" if check is None else check(fit, effect)
 
@@ -88,6 +92,13 @@ def _check_bending(fit: Fit, effect: Effect) -> str:
                 where = "the base" if joint is None else joint
                 return f"{where} would bend by {1e3 * turn:.3g} mrad under the stretched arm's {moment:.3g} N m"
     return ""
+
+
+def _check_growth(fit: Fit, effect: Effect) -> str:
+    grown = np.abs(thermal_drift.apply(fit.at.scene, effect).growth - fit.at.scene.growth).max(initial=0.0)
+    if grown <= LIMITS.most_warmed * LIMITS.expansion:
+        return ""
+    return f"a link would grow by {1e3 * grown:.2g} mm per metre: aluminium {grown / LIMITS.expansion:.2g} K warmer"
 
 
 def stretched_moment(robot: Robot, joint: str | None) -> float:

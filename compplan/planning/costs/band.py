@@ -26,10 +26,8 @@ class Band(Cost):
     weight: float  #: w / S relative to the other costs, S the total programmed time. [1/s]
     deflection: Array  #: A / d_0, then h / d_0 per pair of joints. Shape (k, 3, nq + nq (nq + 1) / 2).
     name = "band"
+    formula = "{weight:g} sum (|d| / d_0)^2 ds"
     timed = True
-
-    def __str__(self) -> str:
-        return f"{self.weight:g} sum (|d| / d_0)^2 ds"
 
     @property
     def numbers(self) -> Array:

@@ -17,9 +17,7 @@ class MissedPose(Cost):
     lever: float = 0.2  #: Position error of equal cost per orientation error. [m/rad]
     steep: float = 20.0  #: Exact penalty of a correction beyond its limit, relative to W. [m]
     name = "missed_pose"
-
-    def __str__(self) -> str:
-        return f"{self.weight:g} sum |missed pose|^2"
+    formula = "{weight:g} sum |missed pose|^2"
 
     def term(self, station: Station) -> ca.SX:
         """Return the weighted square of the slack and the penalty of the excess."""

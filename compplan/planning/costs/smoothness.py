@@ -17,10 +17,8 @@ class Smoothness(Cost):
     weight: float  #: w relative to the other costs, per total programmed time. [1/s]
     unit: Array  #: Reference acceleration of each joint. Shape (nq,). [rad/s^2 or m/s^2]
     name = "smoothness"
+    formula = "{weight:g} sum (q'' / a_max)^2 ds"
     timed = True
-
-    def __str__(self) -> str:
-        return f"{self.weight:g} sum (q'' / a_max)^2 ds"
 
     def term(self, station: Station) -> ca.SX:
         """Return the weighted square of the second derivative."""

@@ -19,10 +19,8 @@ class Time(Cost):
     weight: float  #: w relative to the other costs.
     reference: float  #: T_0. [s]
     name = "time"
+    formula = "{weight:g} T / T_0"
     timed = True
-
-    def __str__(self) -> str:
-        return f"{self.weight:g} T / T_0"
 
     def term(self, station: Station) -> ca.SX:
         """Return the share of the time to the next station."""

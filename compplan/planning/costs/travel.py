@@ -20,9 +20,7 @@ class JointTravel(Cost):
     weight: float  #: w relative to the other costs.
     unit: Array  #: Reference motion of each joint. Shape (nq,). [rad or m]
     name = "travel"
-
-    def __str__(self) -> str:
-        return f"{self.weight:g} sum |dq|"
+    formula = "{weight:g} sum |dq|"
 
     def term(self, station: Station) -> ca.SX:
         """Return the weighted joint motion to the next station."""

@@ -232,10 +232,7 @@ def _refine_options(problem: PostureProblem, coarse: Options, line: Line) -> Opt
     """Build the fine grid around a solution; None where nothing varies."""
     settings = problem.settings
     spins, positions, _ = coarse.shape
-    centre = [
-        np.broadcast_to(v, (len(line.option), *v.shape[1:]))[np.arange(len(line.option)), line.option]
-        for v in (coarse.spin, coarse.held, coarse.lead, coarse.lean)
-    ]
+    centre = [_take(v, line.option) for v in (coarse.spin, coarse.held, coarse.lead, coarse.lean)]
     if max(coarse.shape) == 1:
         return None
     spin = 2 * np.pi / spins * np.arange(-FINE_SPINS, FINE_SPINS + 1) / FINE_SPINS if spins > 1 else np.zeros(1)
@@ -324,5 +321,5 @@ def _whole_stretches(marked: NDArray[np.bool_], stations: NDArray[np.int_]) -> N
 
 
 def _take(values: Array, choice: NDArray[np.int_]) -> Array:
-    wide = np.broadcast_to(values, (len(choice), values.shape[1]))
+    wide = np.broadcast_to(values, (len(choice), *values.shape[1:]))
     return wide[np.arange(len(choice)), choice]

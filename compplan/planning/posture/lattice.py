@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from compplan.planning.posture.costs import SINGULARITY_MARGIN, measure_nodes
-from compplan.planning.posture.settings import PostureProblem, PostureSettings
+from compplan.planning.posture.settings import PostureProblem
 from compplan.robot import Array
 from compplan.statics.chain import locate_frames
 from compplan.statics.ik import CONFIGURATIONS, Arm, middle_of_limits, solve_branches, stretch_arm
@@ -114,11 +114,6 @@ def follow_axis(arm: Arm, nominal: Toolpath) -> Array | None:
     return np.asarray(middle_of_limits(robot)[joint] + 0.5 * (angle.max() + angle.min()) - angle)
 
 
-def count_positions(settings: PostureSettings, axes: int) -> int:
-    """Return the number of grid positions of each extra axis; at least 3 for several axes."""
-    return settings.held_steps if axes < 2 else max(3, int((3 * settings.held_steps) ** (1.0 / axes) + 1e-9))
-
-
 def build_options(problem: PostureProblem, stations: NDArray[np.int_]) -> Options:
     """Build the grid of options, equal for all stations (k,) except a joint that follows the tool (`follow_axis`)."""
     arm, settings = problem.arm, problem.settings
@@ -127,7 +122,8 @@ def build_options(problem: PostureProblem, stations: NDArray[np.int_]) -> Option
     step = max(settings.spin_step, FEW_SPINS if len(arm.held) < 2 else FEWER_SPINS) if varies else settings.spin_step
     count = max(1, round(2 * np.pi / step)) if settings.free_spin else 1
     spins = np.arange(count) * 2 * np.pi / count
-    robot, rest = arm.robot, _hold_axes(problem)
+    robot, rest, axes = arm.robot, _hold_axes(problem), len(arm.held)
+    positions = settings.held_steps if axes < 2 else max(3, int((3 * settings.held_steps) ** (1.0 / axes) + 1e-9))
     ranges = []
     followed = -1 if follow is None else int(robot.carriers.sum()) - 1
     for joint in arm.held:
@@ -135,7 +131,7 @@ def build_options(problem: PostureProblem, stations: NDArray[np.int_]) -> Option
         if joint == followed:
             ranges.append(np.arange(-SIDES // 2, SIDES - SIDES // 2) * 2 * np.pi / SIDES)
         elif settings.search and np.isfinite(low) and np.isfinite(high) and high > low:
-            ranges.append(np.linspace(low, high, count_positions(settings, len(arm.held))))
+            ranges.append(np.linspace(low, high, positions))
         else:
             ranges.append(rest[[joint]])
     cells = list(product(*ranges))
@@ -144,12 +140,12 @@ def build_options(problem: PostureProblem, stations: NDArray[np.int_]) -> Option
     cone = [limit if limit > 0 else 1.0 for limit in (settings.lead, settings.lean)]  # elliptic
     tilts = np.array([tilt for tilt in product(*leans) if np.sum((np.array(tilt) / cone) ** 2) <= 1.0 + 1e-9])
     s, h, t = (axis.ravel() for axis in np.meshgrid(*(np.arange(len(v)) for v in (spins, held, tilts)), indexing="ij"))
-    positions = held[h][None]
+    places = held[h][None]
     if follow is not None:
-        positions = positions + np.where(arm.held == followed, follow[stations, None, None], 0.0)
+        places = places + np.where(arm.held == followed, follow[stations, None, None], 0.0)
     return Options(
         spin=spins[s][None],
-        held=positions,
+        held=places,
         lead=tilts[t, 0][None],
         lean=tilts[t, 1][None],
         neighbours=_neighbours((len(spins), len(held), len(tilts)), [len(r) for r in ranges], tilts),

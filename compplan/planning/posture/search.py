@@ -98,11 +98,9 @@ def cost_nodes(lattice: Lattice, rungs: Rungs, weights: Weights) -> Array:
     """Compute the cost of every node, infinite if not usable. Shape (k, g, b). [mm^2]"""
     cut, path = rungs.cut_share[:, None, None], rungs.path_share[:, None, None]
     cost = cut * 1e6 * weights.sensitivity * lattice.sensitivity**2 + path * weights.limits * lattice.limits
-    if weights.dexterity > 0:
-        cost = cost + path * weights.dexterity * (0.1 / np.maximum(lattice.dexterity, 1e-3)) ** 2
-    if weights.singularity > 0:
-        short = SINGULARITY_MARGIN / np.maximum(lattice.dexterity, 1e-3) - 1.0
-        cost = cost + path * weights.singularity * np.maximum(short, 0.0) ** 2
+    dexterity = np.maximum(lattice.dexterity, 1e-3)
+    cost += path * weights.dexterity * (0.1 / dexterity) ** 2
+    cost += path * weights.singularity * np.maximum(SINGULARITY_MARGIN / dexterity - 1.0, 0.0) ** 2
     return np.where(lattice.usable, np.nan_to_num(cost, nan=np.inf), np.inf)
 
 

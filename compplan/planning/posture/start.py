@@ -95,7 +95,7 @@ def _follow_start(problem: PostureProblem) -> Start | None:
     """Follow the path from the job's start; None if it does not reach every waypoint."""
     if problem.settings.start is None or problem.settings.scene is not None:
         return None
-    note = "The motion goes on from the job's start, every waypoint by the least motion of the joints."
+    note = "Postures follow from the job's start, with the least motion of the joints to each waypoint."
     followed = _follow(problem, problem.settings.start, (note,))
     return None if followed.missed.any() else followed
 

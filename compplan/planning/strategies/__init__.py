@@ -37,14 +37,13 @@ def list_strategies(robot: Robot | None = None) -> tuple[str, ...]:
     return tuple(name for name in (*STRATEGIES, *ONLINE) if gears or "encoder" not in name)
 
 
-def command_path(task: PlanTask, strategy: str) -> Command:
-    """Compute the command for a path by a strategy.
+def command_path(task: PlanTask, strategy: str, *, online: bool = True) -> Command:
+    """Compute the command for a path by a strategy; online: whether it may read sensors during the cut.
 
     Raises:
         UnknownNameError: If there is no such strategy.
         InputError: If the strategy is not applicable to the robot.
     """
-    module = STRATEGIES.get(strategy) or ONLINE.get(strategy)
-    if module is None:
-        raise UnknownNameError("strategy", strategy, list(list_strategies()))
-    return module.command_path(task)
+    if strategy not in (known := list_strategies() if online else tuple(STRATEGIES)):
+        raise UnknownNameError("strategy", strategy, list(known))
+    return (STRATEGIES.get(strategy) or ONLINE[strategy]).command_path(task)

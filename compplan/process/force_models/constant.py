@@ -7,7 +7,7 @@ from typing import Literal
 from compplan.io.tomlfile import Vector3
 from compplan.toolpath.contact import ContactTable, Frame
 
-words = "one wrench all along"
+words = "constant wrench"
 
 
 class ConstantProcess(ContactTable):

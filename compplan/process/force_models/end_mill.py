@@ -10,7 +10,7 @@ from compplan.io.tomlfile import StrictTable
 from compplan.process.cutting import CuttingTable
 from compplan.process.engagement import Cutter
 
-words = "end mill in what it meets of the stock"
+words = "end mill, force from its engagement in the stock"
 #: Default flute length (assumed), in diameters.
 FLUTES = 3.0
 

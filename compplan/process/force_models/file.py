@@ -35,7 +35,7 @@ def read_wrench(process: FileProcess, nominal: Toolpath, folder: Path, rows_at: 
     if "s" not in table:
         at = nominal.arc_length if rows_at is None else rows_at
         if len(rows) != len(at):
-            raise table.error(f"{len(rows)} rows, expected {len(at)}, one a waypoint; or add a column s_mm")
+            raise table.error(f"{len(rows)} rows, expected {len(at)}, one per waypoint; or add a column s_mm")
         return interpolate(nominal.arc_length, at, rows)
     s = table.values["s"]
     if len(s) < 2:

@@ -149,7 +149,7 @@ def find_step_down(nominal: Toolpath) -> float:
     cross = np.cross(step[:-1], step[1:]) @ axis
     turns = abs(float(np.arctan2(cross, np.einsum("ni,ni->n", step[:-1], step[1:])).sum())) / (2.0 * np.pi)
     if turns < 1.0 or depth.max(initial=0.0) <= 0.0:
-        message = 'needs a path that goes round and down; give the forces, model = "isf"'
+        message = 'needs a path that circles and descends; for others state the forces: model = "isf"'
         raise InputError(message, where="process.model")
     return float(depth.max() / turns)
 

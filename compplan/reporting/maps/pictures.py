@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.io.palette import CATEGORIES, NEUTRAL
-from compplan.reporting.charts import GRID, INK, SEQUENTIAL
+from compplan.io.palette import NEUTRAL
+from compplan.reporting.charts import INK, SEQUENTIAL
 from compplan.reporting.maps.survey import DeflectionMap
 from compplan.robot import Array, Robot
 from compplan.statics.chain import build_chain, locate_frames
@@ -86,42 +86,6 @@ def draw_joint_map(
         axis.text(*place, name, fontsize=10, fontweight="bold", va="top")
     axis.set(**{f"{side}label": f"{name} [deg]" for side, name in zip("xy", joints, strict=True)})
     return _to_png(figure)
-
-
-def draw_lines(
-    title: str, x_label: str, y_label: str, lines: list[tuple[str, Array, Array, str]],
-    finish: Callable[[Any], None] | None = None,
-) -> bytes:  # fmt: skip
-    """Draw lines as a PNG picture: name, x, y and style ("-", "--", "o", ...) of each; `finish` changes the axes."""
-    figure, axes = _make_figure(1, 1, width=6.2, height=3.8)
-    axis = axes.flat[0]
-    for count, (name, x, y, style) in enumerate(lines):
-        axis.plot(x, y, style, label=name, color=CATEGORIES[count % len(CATEGORIES)], linewidth=1.8, markersize=5)
-    axis.set_title(title, loc="left", fontsize=11)
-    axis.set_xlabel(x_label)
-    axis.set_ylabel(y_label)
-    axis.grid(True, color=GRID["light"], linewidth=0.8)
-    axis.set_axisbelow(True)
-    if sum(bool(name) and not name.startswith("_") for name, *_ in lines) > 1:
-        axis.legend(frameon=False, fontsize=9, ncols=1 + (len(lines) > 5))
-    if finish is not None:
-        finish(axis)
-    return _to_png(figure)
-
-
-def draw_shares(title: str, x_label: str, samples: dict[str, Array], what: str) -> bytes:
-    """Draw cumulative distributions of samples (`what`, such as "poses") as a PNG: one line per name, means as dots."""
-    lines = [(name, np.sort(values), 100 * np.arange(1, len(values) + 1) / len(values), "-")
-             for name, values in samples.items()]  # fmt: skip
-
-    def mark_means(axis: Any) -> None:
-        for count, (_, values, share, _) in enumerate(lines):
-            mean = float(values.mean())
-            axis.plot(mean, float(np.interp(mean, values, share)), "o", color=CATEGORIES[count % len(CATEGORIES)])
-        axis.set_ylim(0, 100)
-        axis.set_xlim(0, None)
-
-    return draw_lines(f"{title} (dots: means)", x_label, f"share of {what} below [%]", lines, mark_means)
 
 
 def _make_figure(rows: int, columns: int, *, width: float, height: float) -> tuple[Any, NDArray[Any]]:

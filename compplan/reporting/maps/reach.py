@@ -14,7 +14,7 @@ import numpy as np
 from compplan.errors import InputError
 from compplan.robot import Array
 from compplan.statics.chain import locate_frames
-from compplan.statics.ik import Arm, middle_of_limits, solve_branches
+from compplan.statics.ik import Arm, middle_of_limits, sample_limits, solve_branches
 
 POSTURES = ("straight", "down", "outward")
 #: Number of sampled postures for the limits of the workspace.
@@ -109,13 +109,9 @@ def _orient_tool(points: Array, posture: str) -> Array:
 
 def _draw_postures(arm: Arm, *, straight: bool) -> Array:
     """Sample joint positions evenly inside the limits, other joints in the middle of theirs."""
-    from scipy.stats import qmc
-
-    lower = np.maximum(arm.robot.lower, -np.pi)
-    upper = np.minimum(arm.robot.upper, np.pi)
     q = np.tile(middle_of_limits(arm.robot), (DRAWN, 1))
     moving = arm.arm[:3] if straight else arm.arm
-    q[:, moving] = (lower + qmc.Halton(len(lower), seed=0).random(DRAWN) * (upper - lower))[:, moving]
+    q[:, moving] = sample_limits(arm.robot, DRAWN)[:, moving]
     if straight:
         q[:, arm.arm[3:]] = 0.0
     return q

@@ -146,7 +146,9 @@ def map_robot(robot: Robot, settings: MapSettings) -> RobotMaps:
     planes, reach = map_planes(build_arm(robot), settings)
     for name, plane in planes.items():
         if not (plane.reached & np.isfinite(plane.under_wrench)).any():
-            raise InputError(f"robot {robot.name!r} reaches no place of the {name} plane; ask for another one")
+            raise InputError(
+                f"robot {robot.name!r} reaches no point of the {name} plane; give another height or direction"
+            )
     length = natural_length(chain, (robot.lower, robot.upper))
     quality = {}
     for name, plane in planes.items():

@@ -5,7 +5,10 @@
   const button = document.getElementById("theme");
   const system = window.matchMedia("(prefers-color-scheme: dark)");
   const drawn = new Set();
-  const setup = { displaylogo: false, responsive: true, modeBarButtonsToRemove: ["lasso2d", "select2d", "autoScale2d"] };
+  // No button sends a chart to a server: pages stay on this machine.
+  const setup = {
+    displaylogo: false, responsive: true, showSendToCloud: false, modeBarButtonsToRemove: ["lasso2d", "select2d", "autoScale2d"],
+  };
   // Between the margins of A4, in CSS pixels.
   const PAPER_WIDTH = 680;
   const PAPER_HEIGHT = 900;

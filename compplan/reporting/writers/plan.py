@@ -22,7 +22,7 @@ from compplan.io.tables import write_json, write_table
 from compplan.io.transaction import list_files, replace_folder
 from compplan.job.frames import ToolTable
 from compplan.job.job import Job
-from compplan.planning.checks import state_breaches, state_notes
+from compplan.planning.checks import Check, state_notes
 from compplan.planning.executed import bound_zones
 from compplan.planning.result import Plan
 from compplan.planning.tolerance_verdict import state_percent
@@ -109,7 +109,6 @@ def read_back(plan: Plan, folder: Path, program: Program | None = None) -> Plan:
     tip = np.hstack([1e3 * position, axis, predict_rows(plan)])
     program = program or make_program(plan)
     none = np.zeros((len(rows), 3))
-    corner_distance = none[:, 0] if program.corner is None else program.corner
     programmed = none[:, 0] if program.asked is None else program.asked
     corner = none if program.corner_shift is None else program.corner_shift
     tool = job.tool or ToolTable()
@@ -122,7 +121,7 @@ def read_back(plan: Plan, folder: Path, program: Program | None = None) -> Plan:
     (flange_place,), (turn,) = solve_rigid(flange, q[rows[:1]])
     wanted = PlannedRows(
         1e3 * place, rotation, q[rows], time[rows], 1e3 * feed[rows], standstill, free, programmed,
-        1e3 * corner_distance, 1e3 * corner, 1e3 * job.output.bound_fit(plan.task.tolerance),
+        1e3 * corner, 1e3 * job.output.bound_fit(plan.task.tolerance),
     )  # fmt: skip
     centre = np.linalg.inv(tool.pose) @ np.r_[1e-3 * np.array(tool.centre_of_mass_mm), 1.0]
     arm = StiffArm(
@@ -136,7 +135,8 @@ def read_back(plan: Plan, folder: Path, program: Program | None = None) -> Plan:
         folder, output.programs, Path(robot), arm, wanted, partial(find_ends, program), main=output.main,
         may_be_unreadable=bool(output.io.model_fields_set),
     )  # fmt: skip
-    return plan.add_checks((*state_breaches((*said, *breaches), "read back"), *state_notes(notes)))
+    failed = (Check("read back", np.nan, 0.0, text) for text in (*said, *breaches))
+    return plan.add_checks((*failed, *state_notes(notes)))
 
 
 def _mark_standstills(plan: Plan, before: int, after: int) -> NDArray[np.bool_]:

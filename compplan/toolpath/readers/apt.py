@@ -65,7 +65,7 @@ def read(text: str, file: Path, options: CamTable) -> CamFile:
         if flipped or backwards < MIN_TANGENT_ARCS or backwards <= 4 * forwards:
             break
     if reader.flipped:
-        note = "arcs run against the usual sense of their axis: only so they leave the moves before them smoothly"
+        note = "arcs are read against the usual sense of their axis, so that they are tangent to the moves before them"
         reader.log.note(note, 1)
     return reader.log.finish(file, name, ", ".join(reader.state.units) or "not stated", count_lines(text))
 

@@ -72,6 +72,13 @@ class Arc:
         turned, along = -math.sin(angle) * sense, math.cos(angle) * sense
         return combine(turned, self.first, along, second)
 
+    def place(self, angles: Array) -> Array:
+        """Return points on the arc after angles from its start [rad]. Shape (n,) -> (n, 3). [mm]"""
+        share = angles / abs(self.sweep)
+        reach = self.radius + (self.end_radius - self.radius) * share
+        parts = np.array([reach * np.cos(angles), reach * np.sin(angles), self.rise * share])
+        return np.asarray(np.asarray(self.centre) + parts.T @ np.array([self.first, self.tangent(0.0), self.normal]))
+
 
 def dot(one: Point, other: Point) -> float:
     """Return the scalar product of two vectors."""
@@ -160,25 +167,33 @@ def centre_from_radius(start: Point, end: Point, normal: Point, radius: float) -
     return combine(1.0, middle, math.copysign(height, radius) / chord, cross(normal, across))
 
 
-def find_arc(start: Point, via: Point, end: Point, angle: float | None = None) -> Arc:
-    """Return the arc from start through a point to an end.
+def arc_through(start: Point, via: Point, end: Point) -> Arc | None:
+    """Return the arc from start through a point to an end; None where they lie on a line. Any unit of length.
 
     With u from start to via, v from start to end and n = u x v, the centre lies at
     (|v|^2 (n x u) + |u|^2 (v x n)) / (2 |n|^2) from the start.
-
-    `angle` [rad], if given, replaces the sweep of the arc to `end`. [mm]
     """
     u, v = combine(1.0, via, -1.0, start), combine(1.0, end, -1.0, start)
     normal = cross(u, v)
     size, uu, vv = math.hypot(*normal), dot(u, u), dot(v, v)
+    if size <= 1e-9 * max(uu, vv, 1e-18):
+        return None
+    offset = combine(vv, cross(normal, u), uu, cross(v, normal))
+    centre = combine(1.0, start, 0.5 / (size * size), offset)
+    return arc_about(start, end, centre, combine(1.0 / size, normal, 0.0, normal))
+
+
+def find_arc(start: Point, via: Point, end: Point, angle: float | None = None) -> Arc:
+    """Return the arc from start through a point to an end; raise an InputError where there is none. [mm]
+
+    `angle` [rad], if given, replaces the sweep of the arc to `end`.
+    """
     farthest = max(map(abs, (*start, *via, *end)))
     if not farthest < FARTHEST:
         raise InputError(f"circle through a point as far off as {farthest:g} mm, expected less than {FARTHEST:g} mm")
-    if size <= 1e-9 * max(uu, vv, 1e-9):
+    arc = arc_through(start, via, end)
+    if arc is None:
         raise InputError("start, middle and end of a circle lie on a line")
-    offset = combine(vv, cross(normal, u), uu, cross(v, normal))
-    centre = combine(1.0, start, 0.5 / (size * size), offset)
-    arc = arc_about(start, end, centre, combine(1.0 / size, normal, 0.0, normal))
     if arc.radius > LARGEST_RADIUS:
         raise InputError(f"arc of radius {arc.radius:g} mm, at most {LARGEST_RADIUS:g} mm is read")
     if angle is None:
@@ -204,8 +219,6 @@ def sample_arc(arc: Arc, chord: float) -> Array:
         extremes = [base + turn * math.pi for turn in turns] if math.hypot(one, other) > NOTHING else []
         found += [angle for angle in extremes if NOTHING < angle < span - NOTHING]
     found.sort()
-    angles = np.array([one for before, one in zip([-1.0, *found], found, strict=False) if one - before >= NOTHING])
-    share = angles / span
-    reach = arc.radius + (arc.end_radius - arc.radius) * share
-    parts = np.array([reach * np.cos(angles), reach * np.sin(angles), arc.rise * share])
-    return np.asarray(np.asarray(arc.centre) + parts.T @ np.array([arc.first, second, arc.normal]))
+    return arc.place(
+        np.array([one for before, one in zip([-1.0, *found], found, strict=False) if one - before >= NOTHING])
+    )

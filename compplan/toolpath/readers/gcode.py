@@ -57,6 +57,8 @@ CONTRARY = (
     frozenset({20.0, 21.0}), frozenset({90.0, 91.0}), frozenset({17.0, 18.0, 19.0}), frozenset({93.0, 94.0, 95.0}),
     frozenset({98.0, 99.0}), MOTIONS | CYCLES,
 )  # fmt: skip
+#: Codes in a block with G54 that own no word P.
+WITHOUT_P = UNITS | {0.0, 1.0, 17.0, 18.0, 19.0, 40.0, 43.0, 49.0, 54.0, 80.0, 90.0, 91.0, 94.0}
 LENGTH_NOTE = "tool length compensation (G43) is not applied: the path is that of the tool tip"
 HOMING_NOTE = "moves of a printer after homing are travel until X Y Z are known: the path begins where they are"
 #: Block of X Y Z F only, with the extruder of a printer.
@@ -154,6 +156,8 @@ class Rs274:
             return False
         if machine:
             machine.sort(key=lambda code: (code in ENDS or code < 2.0, code))
+            if machine[0] in (72.0, 73.0) and not values.keys() - {"N"}:
+                raise InputError("M72 and M73 alone bring back stored modes, or mirror an axis; write the G codes")
             if self._give_words(block):
                 return False
             if 198.0 in machine or (99.0 in machine and "P" in values):
@@ -270,6 +274,11 @@ class Rs274:
             raise InputError("inches are stated after G10 has set work offsets; state the unit before them")
         it.state.set_unit(INCH if inch else 1.0)
 
+    def use_offset(self, block: CncBlock, code: float) -> None:
+        """G54 to G59, G154, G500 to G599: work offsets; P numbers further ones, with G54 if no other word owns it."""
+        numbered = code in (54.1, 154.0) or (code == 54.0 and not block.machine and {*block.codes} <= WITHOUT_P)
+        self.origins.use(code, block.values.get("P", 0.0) if numbered else 0.0)
+
     def use_haas_offset(self, block: CncBlock, code: float) -> None:
         """G110 to G129: a work offset of Haas; on other controls a move."""
         if block.has(MOVING) and MOTIONS.isdisjoint(block.codes):
@@ -293,7 +302,13 @@ class Rs274:
         self.it.course.mark_unknown(block.list_axes() or range(3))
 
     def set_polar(self, block: CncBlock, code: float) -> None:
-        """G15, G16: end or begin polar coordinates, X radius, Y angle; by default those of the tool position."""
+        """G15, G16: end or begin polar coordinates, X radius, Y angle; by default those of the tool position.
+
+        With H they activate a work offset (Okuma).
+        """
+        if "H" in block.values:
+            self.origins.use(54.1, block.values["H"])
+            return
         self.it.state.polar = code == 16.0
         self.it.state.polar_words.clear()
 
@@ -311,7 +326,7 @@ HOME = Code(lambda dialect, block, code: dialect.origins.go_home(code, block), 2
 MIRROR = Code(lambda dialect, block, code: dialect.origins.mirror(code, block), 2, "once")
 TO_PLANE = Code(lambda dialect, block, code: dialect.origins.turn_to_plane(code, stays=code == 53.6), 2, "once")
 DYNAMIC = Code(Rs274.set_dynamic_offset, 2, "once")
-OFFSET = Code(lambda dialect, block, code: dialect.origins.use(code, block.values.get("P", 0.0)))
+OFFSET = Code(Rs274.use_offset)
 
 G_CODES: dict[float | str, Code] = {
     **COMMON,

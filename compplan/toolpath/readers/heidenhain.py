@@ -39,8 +39,8 @@ DEEPEST = 19
 MOTIONS = {"L", "LP", "LN", "C", "CR", "CT", "CP", "CTP"}
 #: M functions that affect neither the path nor machine functions of a robot.
 SILENT = frozenset(map(float, (
-    6, 10, 11, 16, 17, 21, 22, 25, 26, 31, 32, 52, 53, 54, 57, 59, 89, 90, 91, 92, 94, 97, 98, 99, 101, 102, 103,
-    *range(107, 114), *range(115, 119), 120, 124, 126, 127, 128, 129, *range(134, 139), *range(140, 146), 148, 149,
+    6, 10, 11, 16, 17, 21, 22, 25, 26, 31, 32, 52, 53, 54, 57, 59, 89, 90, 91, 92, 94, 97, 98, 99, 101, 102, 107, 108,
+    *range(111, 114), *range(115, 119), 120, 124, 126, 127, 128, 129, *range(134, 139), *range(140, 146), 148, 149,
 )))  # fmt: skip
 POSITION = re.compile(r"POS\s*\d+\s*\(([^()]*)\)")
 CORNER = re.compile(rf"(RND|CHF)\s*R?\s*({lexer.VALUE})\s*(?:F\s*({lexer.VALUE}))?\s*")
@@ -156,6 +156,8 @@ class Klartext:
             self.it.contour.refuse_open()
             flow.run_program(f"LBL {label}", program, 1, start)
             return index
+        if start > index:
+            raise InputError(f"CALL LBL {label} REP before its label has two meanings; call it without REP")
         return start if flow.repeat(index, lambda: self.value(times)) else index
 
     def _label(self, word: str) -> int:
@@ -201,7 +203,7 @@ class Klartext:
         self.it.flow.line = block.line
         kind, size, speed = match_form(CORNER, block.text, "corner: RND or CHF, a number and F").groups()
         self.it.flow.line = here
-        feed = None if speed is None else self.words.to_mm_s(self.value(speed))
+        feed = None if speed is None else self.it.state.to_mm_s(self.value(speed))
         return Corner("ROUND" if kind == "RND" else "LEG", self.value(size), feed, block.line)
 
     def check_corner(self, rest: str) -> None:
@@ -222,7 +224,7 @@ class Klartext:
     def _set_unit(self, scale: float) -> None:
         self.words.unit = scale
         self.it.set_frames(unit=stretch((scale, scale, scale)) if scale != 1.0 else None)
-        self.words.set_feed_scale()
+        self.words.set_feed_mode(94)
 
     def _assign(self, text: str) -> None:
         """Execute Q1 = formula."""

@@ -15,11 +15,12 @@ from scipy.spatial.transform import Rotation
 
 from compplan.errors import InputError
 from compplan.io.tables import Array
+from compplan.robot.pose import build_pose
 from compplan.toolpath.readers.cnc.flow import END, CncProgram
 from compplan.toolpath.readers.lines import count_lines, match_form, read_bounded, split_lines
 from compplan.toolpath.readers.moves import FARTHEST, CamFile
 from compplan.toolpath.readers.options import CamTable
-from compplan.toolpath.readers.robot_moves import NUMBER, Match, RobotProgram, Rule, make_pose, split_fields
+from compplan.toolpath.readers.robot_moves import NUMBER, Match, RobotProgram, Rule, split_fields
 
 name = "krl"
 suffixes = (".src", ".sub")
@@ -63,7 +64,7 @@ def read(text: str, file: Path, options: CamTable) -> CamFile:
 def read_pose(numbers: Mapping[str, float]) -> Array:
     """Return the pose of X Y Z A B C: R = Rz(A) Ry(B) Rx(C)."""
     turn = Rotation.from_euler("ZYX", [numbers[key] for key in ANGLES], degrees=True)
-    return make_pose(np.array([numbers[key] for key in PLACE]), turn)
+    return build_pose([numbers[key] for key in PLACE], turn.as_matrix())
 
 
 def clean_line(raw: str) -> str:
@@ -92,7 +93,7 @@ class _KrlReader:
         #: Positions and frames by name; values of loop counters; first call that is not read.
         self.positions: dict[str, str | dict[str, float]] = {"$NULLFRAME": "{X 0}"}
         self.counters: dict[str, int] = {}
-        self.called = ""
+        self.called = self.tool = ""
         self.last: dict[str, float] = {}
         self.spline: list[Array] | None = None
         #: Rules of statements.
@@ -216,6 +217,10 @@ class _KrlReader:
             return
         target, value = found.group(1).replace(" ", ""), found.group(2)
         whole, _, part = target.partition(".")
+        if target == "FDAT_ACT" and not self.robot.blocks:
+            self._use_frames(str(self.positions.get(value.strip(), "")))
+        if target in ("$OV_PRO", "$OV_ROB"):
+            self.note(f"{target} (a share of all speeds) is not applied")
         if target in ("$BASE", "$TOOL", "$IPO_MODE", "$VEL", "$VEL.CP"):
             if self.robot.blocks and target != "$TOOL":
                 raise InputError(f"{target} is set in a loop or a branch; write the program out")
@@ -238,7 +243,8 @@ class _KrlReader:
         word, value = found.group(1), found.group(2).strip()
         if word == "BASE":
             value = "$NULLFRAME" if value == "0" else f"BASE_DATA[{value}]"
-        self._set_system({"VEL_CP": "$VEL.CP", "BASE": "$BASE", "TOOL": "$TOOL"}.get(word, ""), value, f"CP {value}")
+        targets = {"VEL_CP": "$VEL.CP", "CP_PARAMS": "$VEL.CP", "BASE": "$BASE", "TOOL": "$TOOL"}
+        self._set_system(targets.get(word, ""), value, f"CP {value}")
 
     def _set_system(self, target: str, value: str, statement: str) -> None:
         if target == "$BASE":
@@ -256,6 +262,17 @@ class _KrlReader:
         if not speed and self.options.feed_mm_s is None:
             raise InputError(f"{text.strip()[:40]!r} sets no speed in m/s; state one with feed_mm_s (--feed)")
         return float(speed.group(1)) * 1e3 if speed else 0.0
+
+    def _use_frames(self, data: str) -> None:
+        """Activate base and tool of an inline form (FDAT)."""
+        if "#TCP" in data:
+            raise InputError("IPO_FRAME #TCP (the part in the robot's hand) is not read")
+        if base := re.search(r"BASE_NO\s+(\d+)", data):
+            self._use_base(f"BASE_DATA[{base.group(1)}]" if base.group(1) != "0" else "$NULLFRAME")
+        if tool := re.search(r"TOOL_NO\s+(\d+)", data):
+            if self.tool not in ("", tool.group()):
+                self.robot.note_tool()
+            self.tool = tool.group()
 
     def _use_base(self, value: str) -> None:
         """Activate a base; the path stays in the base of its first position."""

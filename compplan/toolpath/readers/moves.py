@@ -198,7 +198,7 @@ class MoveLog:
         """Append a row at a point."""
         self.waypoints += 1
         if self.waypoints > MOST_WAYPOINTS:
-            raise InputError(f"more than {MOST_WAYPOINTS} waypoints come out, arcs as their chords; no more are read")
+            raise InputError(f"more than {MOST_WAYPOINTS} waypoints, arcs as chords; split the file")
         if not (abs(point[0]) < FARTHEST and abs(point[1]) < FARTHEST and abs(point[2]) < FARTHEST):
             raise InputError(f"coordinate {max(map(abs, point)):g} mm, less than {FARTHEST:g} mm is allowed")
         self._rows.extend((*point, *self.axis, feed, rapid, arc, self.reader.line))

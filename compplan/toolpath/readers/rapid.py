@@ -12,11 +12,12 @@ from scipy.spatial.transform import Rotation
 
 from compplan.errors import InputError
 from compplan.io.tables import Array
+from compplan.robot.pose import build_pose
 from compplan.toolpath.readers.cnc.flow import END, CncProgram
 from compplan.toolpath.readers.lines import LONGEST_LINE, count_lines, split_lines
 from compplan.toolpath.readers.moves import CamFile
 from compplan.toolpath.readers.options import CamTable
-from compplan.toolpath.readers.robot_moves import NUMBER, Match, RobotProgram, Rule, make_pose, split_fields
+from compplan.toolpath.readers.robot_moves import NUMBER, Match, RobotProgram, Rule, split_fields
 
 name = "rapid"
 suffixes = (".mod", ".modx", ".prg", ".sys")
@@ -100,7 +101,7 @@ def read_pose(numbers: Array) -> Array:
     size = float(np.linalg.norm(numbers[3:]))
     if not abs(size - 1.0) <= 1e-2:
         raise InputError(f"quaternion {numbers[3:]} has length {size:.4g}, expected 1")
-    return make_pose(numbers[:3], Rotation.from_quat(numbers[[4, 5, 6, 3]]))
+    return build_pose(numbers[:3], Rotation.from_quat(numbers[[4, 5, 6, 3]]).as_matrix())
 
 
 class _RapidReader:
@@ -167,7 +168,7 @@ class _RapidReader:
         statement = found.string
         if found.group(1) != "IF" or statement.endswith(" THEN"):
             self.robot.count_block(found)
-        if "MOVE" in statement:
+        if "MOVE" in statement or not self.flow.programs.keys().isdisjoint(re.findall(r"\w+", statement)):
             raise InputError(f"{statement[:30]!r} holds a move in a branch; write the moves out in a row")
         if re.search(r"\b(SETDO|SET|RESET|PULSEDO|STOP)\b", statement):
             self.robot.add_call_event(statement)

@@ -231,13 +231,6 @@ def split_fields(text: str, opening: str = "[(", closing: str = "])") -> list[st
     return [*parts, text[start:]]
 
 
-def make_pose(position: Array, turn: Rotation) -> Array:
-    """Build a pose (4, 4) from position [mm] and rotation."""
-    pose = np.eye(4)
-    pose[:3, :3], pose[:3, 3] = turn.as_matrix(), position
-    return pose
-
-
 def _tuple(vector: Array) -> Point:
     x, y, z = vector.tolist()
     return x + 0.0, y + 0.0, z + 0.0

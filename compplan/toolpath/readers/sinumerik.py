@@ -192,6 +192,8 @@ class Sinumerik:
         for address in values:
             if address not in MOVING and address not in SILENT:
                 raise InputError(f"word {address} is not read and may move the tool; post-process without it")
+        if values.get("OVR", 100.0) != 100.0:
+            it.note("OVR (a share of the feed) is not applied")
         if "RNDM" in values:
             state.rounding = values["RNDM"] * state.scale
         if "F" in values and 4.0 not in block.codes:

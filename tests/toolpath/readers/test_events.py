@@ -47,6 +47,7 @@ def list_events(cam: CamFile, *, comments: bool = False) -> list[tuple[object, .
         ('T="MILL D10" M6', [(0, "tool", 0, "MILL D10")]),
         ("M0", [(0, "stop")]), ("G1 X5 F60 M01", [(1, "optional_stop")]),
         ("G4 P0.5", [(0, "dwell", 0.5)]), ("G4 P1500", [(0, "dwell", 1.5)]), ("G04 X2.", [(0, "dwell", 2)]),
+        ("M104 S200\nG4 S2 P20", [(0, "dwell", 2.02)]),  # a printer
         ("F60\nG4 F2", [(0, "dwell", 2)]),
         ("M3 S120\nG4 S10", [(0, "spindle_cw", 120), (0, "dwell", 5), (1, "spindle_off")]),
         ("G50 S2000", []), ("M10", []),

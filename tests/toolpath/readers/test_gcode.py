@@ -136,6 +136,12 @@ def test_reversed_arc_centres_are_told(read) -> None:
         ("G66 P9000", r":1: G66 \(modal macro calls\) is not read"),
         ("G21 G5 X1 Y1 I1 J1 P1 Q1", r":1: word G5 with coordinates"),
         ("G6.2 P3", r":1: G6.2 \(NURBS\)"),
+        ("G21 G54 P1\nG0 X0 Y0 Z0\nG1 X5 F9\nG54 P2\nX1", r":5: the file cuts in G54.1 P1 and in G54.1 P2"),
+        ("G21 G15 H1\nG0 X0 Y0 Z0\nG1 X5 F9\nG15 H2\nX1", r":5: the file cuts in G54.1 P1 and in G54.1 P2"),
+        ("G21 G51.1 X0\nG68 X0 Y0 R90", r":2: G68 under a mirror"),
+        ("G21 G51 X0 Y0 Z0 P2.\nG68 X10 Y0 R90", r":2: G68 under a mirror \(G51.1\), or a scale"),
+        ("M70\nG91\nM72", r":3: M72 and M73 alone bring back"),
+        ("N9 M73", r":1: M72 and M73 alone bring back"),
         ("G71 P1 Q2", r":1: G71 as a lathe cycle"),
         ("G1 X--5 F1", r":1: cannot read 'X--5'"),
     ],
@@ -198,6 +204,10 @@ def test_feed_modes_give_the_feed_of_the_move(read) -> None:
     start = "G21 G0 X0 Y0 Z0\n"
     assert read(start + "G93 G1 X10 F2").toolpath.feed[-1] == pytest.approx(0.01 * 2 / 60)
     assert read(start + "G95 S600 G1 X10 F0.2").toolpath.feed[-1] == pytest.approx(0.002)
+    cam = read(start + "G1 F600 G93 X10 F2\nX20\nG94 X30")  # without an F of its own, and after a change of its meaning
+    assert cam.toolpath.feed[2:].tolist() == pytest.approx([0.01 * 2 / 60, 0]) and "G93" in cam.facts.notes[0]
+    cam = read(start + "G96 S200 M3\nG95 G1 X10 F.1")
+    assert cam.toolpath.feed[-1] == 0 and "S with G96" in cam.facts.notes[0]
     cam = read(start + "G1 X10")
     assert cam.toolpath.feed[-1] == 0 and "cutting moves before any feed F have none" in cam.facts.notes[0]
 

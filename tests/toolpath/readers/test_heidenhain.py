@@ -359,6 +359,7 @@ REFUSED = [
     ("L X+9 F9\nRND R5\nL Y+9 FMAX", "no cutting move after"),
     ("L X+9 F9\nRND R50\nL Y+9", "takes"), ("PLANE AXIAL B+30 STAY", "PLANE AXIAL is not read"),
     ("LBL 1\nLBL 1", "label 1 occurs twice"), ("CALL LBL 9", "label 9 is not in"),
+    ("CALL LBL 1 REP 2\nM30\nLBL 1\nL X+1 F9", "REP before its label"),
     ("M99", "none that is read is defined"),
     ("HELLO X+5", "is not read and may move"), ("L X+1 B+30 F9", "rotary"),
     ("FN 18: SYSREAD Q1 = ID20\nL X+Q1", "FN 18"),

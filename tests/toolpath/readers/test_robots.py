@@ -49,6 +49,7 @@ def test_krl_speed_for_one_move_holds_for_that_move(krl) -> None:
     start = f"$VEL.CP=0.05\nPTP {{X 0,Y 0,Z 0,{DOWN}}}\n"
     moves = "SLIN {X 5} WITH $VEL={CP 0.2}\nSLIN {X 9} WITH $VEL.CP=0.3\nSLIN {X 12}\n"
     assert krl(start + moves).toolpath.feed.tolist() == pytest.approx([0, 0.2, 0.3, 0.05])
+    assert any("$OV_PRO" in note for note in krl(f"$OV_PRO=50\n{start}{moves}").facts.notes)
 
 
 def test_krl_orientation_is_z_y_x_and_the_tool_points_where_it_is_told(krl) -> None:
@@ -99,6 +100,15 @@ def test_krl_positions_and_bases_come_from_the_data_beside_and_subprograms_are_f
     assert [note.split(": ", 1)[1] for note in cam.facts.notes] == [
         "call of OTHER() is not read: it is neither here nor beside the file"
     ]
+
+
+def test_krl_inline_forms_set_speed_and_base(krl) -> None:
+    data = "FP1={{TOOL_NO 1,BASE_NO 1,IPO_FRAME #BASE}}\nFP2={{TOOL_NO 1,BASE_NO {},IPO_FRAME #BASE}}\n"
+    start = f"FDAT_ACT=FP1\nPTP {{X 0,Y 0,Z 0,{DOWN}}}\nBAS(#CP_PARAMS,0.5)\nLIN {{X 5}}\n"
+    form = "FDAT_ACT=FP2\nBAS(#CP_PARAMS,0.25)\nLIN {X 9}\n"
+    assert krl(data.format(1) + start + form).toolpath.feed.tolist() == [0, 0.5, 0.25]
+    with pytest.raises(InputError, match=r"base changes from BASE_DATA\[1\] to BASE_DATA\[2\]"):
+        krl(data.format(2) + start + form)
 
 
 def test_krl_loops_over_points_of_a_public_data_file_are_carried_out(krl, tmp_path: Path) -> None:
@@ -193,6 +203,7 @@ def test_rapid_work_objects_that_change_are_followed_where_they_are_known(rapid)
         ("MoveL [[1,2,x],[0,0,1,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]],v50,fine,t;", "expected numbers as"),
         ("MoveL [[1,2,3],[0,0,2,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]],v50,fine,t;", "has length 2, expected 1"),
         ("MoveL Offs({},1e999,0,0),v50,fine,t;", "is too great"),
+        ("IF b main;", "holds a move in a branch"),
         ("PDispOn p1,p2,t;", "PDISPON is not read"), ("MoveL {};", "with 1 arguments"), ("GOTO a;", "GOTO"),
     ],
 )  # fmt: skip

@@ -192,6 +192,7 @@ FLOWS = {
     "DEF REAL P[3]\nP[1]=7\nG1 X=P[1] F=R9+60\nX=P[2]": None,
     "L10 P2\nM30\n%_N_L10_SPF\nG91\nG1 X10 F60\nG90\nM17": [10, 20],
     "SLOT(5,2)\nM30\n%_N_SLOT_SPF\nPROC SLOT(REAL LEN, INT N)\nG1 X=LEN*N F60\nRET": [10],
+    "SLOT\nG1 X9\nM30\n%_N_SLOT_SPF\nPROC SLOT SAVE\nG91 G1 X5 F60\nTRANS X7\nRET": [5, 9],
 }
 
 
@@ -216,6 +217,7 @@ def test_inches_and_feeds_by_the_turn_and_the_dwell(read) -> None:
     assert ends(cam) == [[0, 0, 25.4], [25.4, 0, 25.4], [50.8, 0, 25.4]]
     assert (cam.toolpath.feed[1:] * 1e3).tolist() == pytest.approx([2.54, 25.4])
     assert [event.value for event in cam.toolpath.events if event.kind == "dwell"] == [2.5, 3.0]
+    assert "OVR" in read("G71\nG0 X0 Y0 Z1\nOVR=50 G1 X1 F60\nM30\n").facts.notes[0]
 
 
 REFUSED = [

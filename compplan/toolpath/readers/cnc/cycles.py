@@ -276,7 +276,7 @@ class SinumerikCycles:
         if called == "CYCLE84" and lead and speed:
             feed, out = lead * speed / 60.0, lead * abs(numbers[11] or speed) / 60.0
         elif called == "CYCLE85" and numbers[6]:
-            feed, out = (number * state.feed_scale / 60.0 for number in (numbers[6], numbers[7] or numbers[6]))
+            feed, out = (state.to_mm_s(number) for number in (numbers[6], numbers[7] or numbers[6]))
         else:
             feed = out = it.motion.feed(0.0)
         axis, clear = DEEP_AXIS[it.state.plane], surface + sense * abs(sdis or 0.0)

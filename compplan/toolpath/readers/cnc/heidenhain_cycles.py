@@ -68,7 +68,7 @@ class HeidenhainCycles:
     """Cycles of a program: activation of frames, definition and execution of drilling cycles."""
 
     def __init__(self, it: Interpreter, words: KlartextWords) -> None:
-        self.it, self.words, self.value, self.to_mm_s = it, words, words.value, words.to_mm_s
+        self.it, self.words, self.value, self.to_mm_s = it, words, words.value, it.state.to_mm_s
         #: Angle of the active rotation [deg]; number of the datum of cycle 247.
         self.turned = 0.0
         self.preset: float | None = None
@@ -124,7 +124,7 @@ class HeidenhainCycles:
         if text.endswith("MAX"):
             return FASTEST
         if text.endswith("AUTO"):
-            return (self.words.tool_feed or 0.0) / self.to_mm_s(1.0)
+            return self.words.tool_feed or 0.0
         if text == "PREDEF":
             raise InputError("values from GLOBAL DEF (PREDEF) are not read; write them out")
         return self.value(text)

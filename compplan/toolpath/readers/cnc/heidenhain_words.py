@@ -109,13 +109,13 @@ class KlartextWords:
     def __init__(self, it: Interpreter) -> None:
         self.it = it
         self.values: dict[str, float] = dict.fromkeys(TILT_ANGLES, 0.0)
-        #: Unit of length [mm]; whether feeds are per revolution (M136).
-        self.unit, self.per_turn = 1.0, False
+        #: Unit of length. [mm]
+        self.unit = 1.0
         #: Whether TOOL DEF states tool lengths, as on old controls; whether the active feed means rapid traverse there.
         self.old = self.fast = False
         #: Side of the tool relative to the contour: L, R, or none.
         self.side = ""
-        #: Name or number of the tool in the spindle, radii [program unit] by tool, feed of the tool call [mm/s].
+        #: Name or number of the tool in the spindle, radii [program unit] by tool, feed F of the tool call.
         self.tool = ""
         self.radii: dict[str, float] = {}
         self.tool_feed: float | None = None
@@ -145,15 +145,9 @@ class KlartextWords:
         self.values.pop(name, None)
         self.it.unknown[name] = why
 
-    def set_feed_scale(self) -> None:
-        """Update the feed unit of plain blocks (per minute or per revolution, mm or inch)."""
-        self.it.state.feed_scale = self.to_mm_s(1.0) * 60.0
-
-    def to_mm_s(self, number: float) -> float:
-        """Return a feed in mm/s; the unit of F in inch programs is 0.1 inch/min."""
-        if self.per_turn:
-            return number * self.unit * self.it.state.spindle / 60.0
-        return number * (1.0 if self.unit == 1.0 else 0.1 * INCH) / 60.0
+    def set_feed_mode(self, mode: int) -> None:
+        """Set feeds per minute (94) or per revolution (95); the unit of F in inch programs is 0.1 inch/min."""
+        self.it.state.set_feed_mode(mode, self.unit if mode == 95 or self.unit == 1.0 else 0.1 * INCH)
 
     def read(self, text: str) -> CncBlock:
         """Read a block: numbers by the addresses of all dialects, M functions, words without a number.
@@ -203,7 +197,7 @@ class KlartextWords:
         target = set_levels(course.position, {axis: course.position[axis] + self.value(way.group(1))})
         feed = re.search(r"F\s*([\d.]+)", words)
         if feed:
-            course.line(target, self.to_mm_s(float(feed.group(1))))
+            course.line(target, self.it.state.to_mm_s(float(feed.group(1))))
         else:
             course.rapid(target)
 
@@ -213,7 +207,6 @@ class KlartextWords:
         codes = set(block.machine)
         if "S" in block.values:
             self.it.state.spindle = block.values["S"]
-            self.set_feed_scale()
             self.it.machine.switch_on((), changed=True)
         for code in sorted(codes & REFUSED_M.keys()):
             raise InputError(f"M{code:g} ({REFUSED_M[int(code)]}) is not read; post-process without it")
@@ -221,8 +214,7 @@ class KlartextWords:
         if 128.0 in codes:
             self.it.control_tip(True)
         if codes & {136.0, 137.0}:
-            self.per_turn = 136.0 in codes
-            self.set_feed_scale()
+            self.set_feed_mode(95 if 136.0 in codes else 94)
         yield codes
         if 129.0 in codes:
             self.it.control_tip(False)
@@ -246,8 +238,8 @@ class KlartextWords:
         if block.values.get("DL") or block.values.get("DR"):
             it.note("oversizes DL, DR of TOOL CALL are not applied: the path is that of the tool tip")
         if "F" in block.values:
-            self.tool_feed = self.to_mm_s(block.values["F"])
-            it.state.feed = self.tool_feed * 60.0
+            self.tool_feed = block.values["F"]
+            it.state.set_feed(self.tool_feed)
         if called is not None:
             name = called[1:-1] if called.startswith('"') else ""
             number = 0.0 if called.startswith('"') else self.value(called)
@@ -273,13 +265,13 @@ class KlartextWords:
         if "FAUTO" in block.names:
             if self.tool_feed is None:
                 raise InputError("F AUTO, but TOOL CALL states no F")
-            state.feed = self.tool_feed * 60.0
+            state.set_feed(self.tool_feed)
         elif "FU" in values:
-            state.feed = values["FU"] * self.unit * state.spindle
+            state.feed = values["FU"] * self.unit * (1.0 if state.feed_mode == 95 else state.spindle)
         elif "FZ" in values or "FT" in values:
             raise InputError("feeds per tooth (FZ) or as a time (FT) are not read; write F")
         elif "F" in values:
-            state.feed = self.to_mm_s(values["F"]) * 60.0
+            state.set_feed(values["F"])
             self.fast = self.old and values["F"] in OLD_RAPID
         if self.fast:
             self.it.note("F9999 and F15999 are rapid traverse in programs of old controls")

@@ -11,6 +11,7 @@ axes require it, otherwise ""; `turns_to_plane`, whether rotary words in a tilte
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -29,6 +30,9 @@ from compplan.toolpath.readers.options import CamTable, refuse_unit
 #: Addresses that make a move.
 MOVING = frozenset((*AXES, *TURNING, "I", "J", "K", "I1", "J1", "K1", "CR", "AR", "AP", "RP", "TURN"))
 MOTIONS = frozenset({0.0, 1.0, 2.0, 3.0})
+#: Head of a subprogram that brings back the modes of the program that calls it, and these modes.
+SAVING = re.compile(r"\s*(?:N\d+\s*)?PROC\b[^;]*\bSAVE\b", re.IGNORECASE)
+SAVED = ("motion", "plane", "incremental", "scale", "feed_mode", "feed_scale")
 UNKNOWN_MACHINE = "moves while rotary axes stand turned whose machine is not stated"
 
 
@@ -81,10 +85,11 @@ def compensate_radius(dialect: Any, block: CncBlock, code: float | str) -> None:
 #: Codes with the same meaning in every dialect of G-code.
 COMMON: dict[float | str, Code] = {
     90.0: set_mode(incremental=False), 91.0: set_mode(incremental=True),
-    93.0: set_mode(feed_mode=93), 94.0: set_mode(feed_mode=94), 95.0: set_mode(feed_mode=95),
+    **dict.fromkeys((93.0, 94.0, 95.0), Code(lambda dialect, block, code: dialect.it.state.set_feed_mode(int(code)))),
+    96.0: set_mode(surface_speed=True, spindle=0.0), 97.0: set_mode(surface_speed=False),
     **dict.fromkeys((41.0, 42.0, 41.1, 42.1), Code(compensate_radius)),
     4.0: ignore("once"), 53.0: ignore("machine"), 153.0: ignore("machine"), 33.0: refuse("threading"),
-    34.0: refuse("threading"), **dict.fromkeys((9.0, 40.0, 61.0, 64.0, 96.0, 97.0), ignore()),
+    34.0: refuse("threading"), **dict.fromkeys((9.0, 40.0, 61.0, 64.0), ignore()),
 }  # fmt: skip
 
 
@@ -239,4 +244,10 @@ class Interpreter:
             where = f"neither %_N_{name}_SPF in this file nor {name}.SPF beside it is there"
             raise InputError(f"subprogram call {name[:40]} is not read: {where}")
         self.contour.refuse_open()
-        self.flow.run_program(name, self.flow.programs[name], times)
+        program, state = self.flow.programs[name], self.state
+        kept, frame = {mode: getattr(state, mode) for mode in SAVED}, self.frames.get("program")
+        self.flow.run_program(name, program, times)
+        if any(SAVING.match(line) for line in program.lines[program.first : min(program.first + 20, program.last)]):
+            state.set_feed_mode(kept["feed_mode"])
+            vars(state).update(kept)
+            self.set_frames(program=frame)

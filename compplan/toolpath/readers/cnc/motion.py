@@ -100,7 +100,9 @@ class MotionReader:
     def feed(self, length: float, block: CncBlock | None = None) -> float:
         """Return the feed of a move of this length [mm] in mm/s; 0 if unknown."""
         if block is not None and "FB" in block.values:
-            return block.values["FB"] * self.state.feed_scale / 60.0
+            return self.state.to_mm_s(block.values["FB"])
+        if self.state.feed_mode == 93 and block is not None and "F" not in block.values:
+            self.course.note("a cutting move with G93 and without F takes the number F of a block before")
         feed = self.state.feed_mm_s(length)
         if feed is None:
             self.course.note("cutting moves before any feed F have none")
@@ -137,7 +139,7 @@ class MotionReader:
         if not arc and not block.has(STRAIGHT) and not block.has(POLAR):
             return
         if state.motion is None:
-            raise InputError("coordinates before any motion code (G0 or G1): whether they cut is not known; state it")
+            raise InputError("coordinates before any motion code: state G0 or G1 before them")
         rapid = state.motion == 0.0
         if not rapid and contour.idle:
             course.begin_cut()
@@ -169,7 +171,7 @@ class MotionReader:
     def _corner(self, block: CncBlock) -> Corner | None:
         """Return the corner at the end of a block, None without any."""
         values, state = block.values, self.state
-        feed = values["FRC"] * state.feed_scale / 60.0 if values.get("FRC") else None
+        feed = state.to_mm_s(values["FRC"]) if values.get("FRC") else None
         for address, kind in CORNERS.items():
             if values.get(address):
                 return Corner(kind, values[address] * state.scale, feed, self.line)

@@ -67,8 +67,8 @@ class Origins:
         return combine(1.0, combine(1.0, self.origin, 1.0, self.shifted), 1.0, self.base)
 
     def use(self, code: float, number: float = 0.0) -> None:
-        """Activate a work offset (G54.1, G154 by number); without wcs and G10, that of the first cut is the part."""
-        course, before, code = self.course, self.active, 1000.0 + number if code in (54.1, 154.0) else code
+        """Activate a work offset, or a numbered one (G54.1); without wcs and G10, that of the first cut is the part."""
+        course, before, code = self.course, self.active, 1000.0 + number if number else code
         self.used.add(code)
         if code == before:
             return
@@ -224,6 +224,10 @@ class Origins:
         if "R" not in block.values or block.has(frozenset("IJK")) or self.state.incremental:
             raise InputError("G68 is read with an angle R in the plane, in G90; post-process other forms of it")
         centre = self._find_centre(block, PLANE_AXES[plane])
+        scaled = self.it.frames.get("scale", Frame()).apply(centre)
+        if len(self.mirrors.keys() & {*PLANE_AXES[plane]}) == 1 or math.dist(scaled, centre) > 1e-9:
+            raise InputError("G68 under a mirror (G51.1), or a scale (G51) about another centre, has two meanings; "
+                             "post-process without one of them")  # fmt: skip
         self.it.set_frames(rotation=turn_about(centre, rotate(DEEP_AXIS[plane], block.values["R"])))
 
     def scale(self, block: CncBlock) -> None:

@@ -68,6 +68,8 @@ class State:
     #: Millimetres of a unit of F.
     feed_scale: float = 1.0
     spindle: float = 0.0
+    #: Whether S is the speed of the cutting edge (G96), so that the speed of the spindle is not known.
+    surface_speed: bool = False
     turning: str = ""
     cooling: bool = False
     tool: float = 0.0
@@ -99,9 +101,18 @@ class State:
         if word not in self.units:
             self.units.append(word)
 
+    def set_feed_mode(self, mode: int, scale: float | None = None) -> None:
+        """Set the meaning of F (93 to 95), and its unit [mm]; an F from before with another meaning is dropped."""
+        self.feed = self.feed if mode == self.feed_mode else None
+        self.feed_mode, self.feed_scale = mode, self.feed_scale if scale is None else scale
+
     def set_feed(self, number: float) -> None:
         """Set the feed of an F word; the unit of length applies except in inverse time mode."""
         self.feed = number if self.feed_mode == 93 else number * self.feed_scale
+
+    def to_mm_s(self, number: float) -> float:
+        """Return the number of a feed per minute, or per revolution (G95), in mm/s."""
+        return number * self.feed_scale * (self.spindle if self.feed_mode == 95 else 1.0) / 60.0
 
     def feed_mm_s(self, length: float) -> float | None:
         """Return the feed of a move of this length [mm] in mm/s, None if unknown."""
@@ -177,12 +188,16 @@ class Machine:
                 log.note("T without M6 is read as a tool change: the file has no M6")
             self.change_tool()
         changed = "S" in values and LIMITS.isdisjoint(block.codes) and ANGLES.isdisjoint(machine)
-        if changed:
+        if changed and state.surface_speed:
+            log.note("S with G96 is a cutting speed: the speed of the spindle, and feeds per revolution, are not known")
+        elif changed:
             state.spindle = values["S"]
         self.switch_on(machine, changed=changed)
         if 4.0 in block.codes:
             wait = max(next((values[letter] for letter in "FXU" if letter in values), 0.0), 0.0)  # in seconds
-            if "P" in values:
+            if state.printer:
+                wait = values.get("S", 0.0) + 1e-3 * values.get("P", 0.0)
+            elif "P" in values:
                 milli = values["P"] >= LEAST_MILLISECONDS
                 if milli:
                     log.note(f"G4 P{values['P']:g} is taken in milliseconds")
