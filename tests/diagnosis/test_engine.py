@@ -136,6 +136,20 @@ def test_frames_are_fitted_to_the_campaign_around_a_robot_that_never_saw_the_row
     assert free_of_frames(replace(fit, problem=replace(problem, register=())), 16) == 1.0
 
 
+def test_names_of_many_poses_are_searched_on_some_and_calibrated_on_all(robot: Robot) -> None:
+    """Of 900 poses, one in 2.25; a pose that is searched has all its visits, and the first and the last are near."""
+    campaign = measure(robot, plan_rows(robot, 24, poses=900), [CAUSE, SECOND], 24)
+    searched = Problem(robot, campaign).searched
+    assert len(np.unique(campaign.pose[searched])) == 400
+    assert set(campaign.pose[searched]).isdisjoint(campaign.pose[~searched])
+    rows = np.flatnonzero(searched)
+    assert max(rows[0], len(campaign) - rows[-1], np.diff(rows).max()) < 0.02 * len(campaign)
+    found = diagnose_campaign(robot, campaign)
+    assert {f.effect.place for f in found.verdict.findings} == {CAUSE.place, SECOND.place}
+    assert len(found.fit.search.equations.source[0].rows) == len(rows)
+    assert len(found.equations.source[0].rows) == len(campaign)
+
+
 @pytest.mark.slow
 def test_the_same_campaign_gives_the_same_answer(robot: Robot) -> None:
     campaign = measure(robot, plan_rows(robot, 21, poses=20), [CAUSE], 21)

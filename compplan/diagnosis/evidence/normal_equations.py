@@ -31,10 +31,6 @@ class Products:
     against: Array  #: Columns with observations. Shape (p,).
     square: float  #: Observations with themselves.
 
-    def take(self, columns: NDArray[np.int_]) -> Products:
-        """Select columns."""
-        return Products(self.count, self.gram[np.ix_(columns, columns)], self.against[columns], self.square)
-
 
 @dataclass(frozen=True, eq=False)
 class ChannelProducts:
@@ -46,12 +42,6 @@ class ChannelProducts:
     #: single row.
     means: dict[int, Products]
     degrees_of_freedom: float  #: Degrees of freedom of the noise estimate.
-
-    def take(self, columns: NDArray[np.int_]) -> ChannelProducts:
-        """Select columns."""
-        total = self.total.take(columns)
-        means = {size: total if part is self.total else part.take(columns) for size, part in self.means.items()}
-        return ChannelProducts(self.name, total, means, self.degrees_of_freedom)
 
 
 @dataclass(frozen=True, eq=False)

@@ -41,6 +41,7 @@ from compplan.diagnosis.search.state import (
     known_approach,
     linearize_state,
 )
+from compplan.effects.checks import limit_sizes
 from compplan.effects.forward_model import own_springs
 from compplan.effects.linearization import Linearization
 from compplan.effects.signature import Signature
@@ -160,7 +161,8 @@ def _build_search(problem: Problem, equations: NormalEquations, start: Hyper) ->
     springs = any(spring.compliance > 0.0 for spring in robot.springs) or bool(robot.link_elasticities)
     # under varying loads, small compliances everywhere are fitted as well, and deflect
     rigid = not (springs or problem.campaign.load_varies or any(e.name in SOFT for e in problem.fixed))
-    return Search(equations, prior, log_priors(equations.signatures), candidates, start, rigid=rigid)
+    most = [limit_sizes(robot, s, np.full(len(s.keys), np.inf)) for s in equations.signatures]
+    return Search(equations, prior, log_priors(equations.signatures), candidates, start, rigid=rigid, most=most)
 
 
 def _propose(fit: Fit) -> list[Signature]:

@@ -96,7 +96,8 @@ class Search:
     """Normal equations with their prior, and a cache of evaluated models.
 
     `log_prior` holds the log prior odds of each signature, `candidates` the numbers of claimable signatures, `start`
-    the initial noise and background; `rigid`: whether only claims make the robot compliant.
+    the initial noise and background; `rigid`: whether only claims make the robot compliant; `most` the greatest
+    parameters of each signature that a robot folder can hold [SI].
     """
 
     equations: NormalEquations
@@ -106,6 +107,7 @@ class Search:
     start: Hyper
     cache: dict[frozenset[Claim], Model] = field(default_factory=dict)
     rigid: bool = False
+    most: Sequence[Array] = ()
 
     def without(self, claims: Sequence[Claim], *removed: Claim) -> list[Claim]:
         """Remove claims; on a robot that becomes rigid also remove claims that require a compliance."""
@@ -161,12 +163,14 @@ class Search:
         return len(kinds) - len(set(kinds))
 
     def _backwards(self, claims: Sequence[Claim], posterior: Posterior) -> bool:
-        """Check whether a claim has an impossible parameter: negative backlash, negative compliance."""
+        """Check whether a claim has an impossible parameter: negative backlash or compliance, or beyond its limit."""
         values = posterior.values(self.equations.p)
         for claim in claims:
             signature, columns = self.equations.signatures[claim.signature], self.equations.columns(claim.signature)
             sizes = values[columns] * signature.scale
             if (signature.positive and (sizes < 0).any()) or (signature.least and (sizes < signature.least).any()):
+                return True
+            if len(self.most) > claim.signature and (np.abs(sizes) > self.most[claim.signature]).any():
                 return True
         return False
 

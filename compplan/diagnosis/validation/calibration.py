@@ -259,9 +259,10 @@ def solve_means(
     width2 = np.ones(len(CLASSES))
     if start is None:
         variance = np.where(group < 0, EVIDENCE.free_variance, unit2)
-        noise = np.array([np.mean(y[used & (channel == k)] ** 2) for k in range(len(means.least))])
-        noise = np.fmax(CALIBRATION.first_noise * noise, means.least)  # a channel without used rows has no mean
-        weight = used.astype(float)
+        weight, channels = used.astype(float), len(means.least)
+        square, values = np.bincount(channel, weight * y**2, channels), np.bincount(channel, weight, channels)
+        # a channel may have no values among some of the rows
+        noise = np.maximum(CALIBRATION.first_noise * square / np.maximum(values, 1.0), means.least)
     else:
         variance, noise = start.variance[alive], start.noise.copy()
         weight = used * _weigh(y - explained, noise[channel])

@@ -265,7 +265,7 @@ def revise_probabilities(fit: Fit) -> RevisedProbabilities:
         hyper.log_noise, hyper.log_shared, np.concatenate([hyper.log_tau, np.full(len(kinds), EVIDENCE.start)])
     )
     odds = np.concatenate([fit.search.log_prior, np.full(len(fresh), -np.inf)])
-    search = Search(equations, prior, odds, fit.search.candidates, hyper, rigid=fit.search.rigid)
+    search = Search(equations, prior, odds, fit.search.candidates, hyper, rigid=fit.search.rigid, most=fit.search.most)
     model = _search_again(search, search.model(fit.model.claims, hyper, steps=EVIDENCE.first_steps))
     if model.claims:
         # several claims together may fit one unmodelled error: restart without claims, classes at one noise floor
@@ -305,15 +305,15 @@ def _search_again(search: Search, model: Model) -> Model:
 
 
 def _leave_out(search: Search, model: Model) -> Model:
-    """Return the best model with one claim less, unmodelled errors refitted."""
+    """Return the best model with one claim less, unmodelled errors refitted where they explain most of it."""
     loose = search.prior.loose
     hyper = model.posterior.hyper
     grown = replace(hyper, log_tau=np.where(loose, np.maximum(hyper.log_tau, 0.0), hyper.log_tau))
-    best = replace(model, score=-np.inf)
-    for out in model.claims:
-        rest = search.without(model.claims, out)
-        held, start = search.model(rest, hyper, fit=False), search.model(rest, grown, fit=False)
-        posterior = find_posterior(search.equations, search.prior_of(rest), grown, steps=STEPS)
+    less = [search.without(model.claims, out) for out in model.claims]
+    tried = [search.model(rest, hyper, fit=False) for rest in less]
+    starts = sorted((search.model(rest, grown, fit=False) for rest in less), key=lambda m: -rank_evidence(m.score))
+    for start in starts[: SEARCH.tried]:
+        posterior = find_posterior(search.equations, search.prior_of(start.claims), grown, steps=STEPS)
         score = start.score - start.posterior.log_evidence + posterior.log_evidence
-        best = max(best, held, Model(tuple(rest), posterior, score), key=lambda m: rank_evidence(m.score))
-    return best
+        tried.append(Model(start.claims, posterior, score))
+    return max(tried, key=lambda m: rank_evidence(m.score), default=replace(model, score=-np.inf))
