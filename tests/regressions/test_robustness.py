@@ -347,7 +347,7 @@ def test_a_urdf_that_pinocchio_cannot_read_is_named_by_its_file(tmp_path: Path) 
 def test_a_map_of_a_plane_that_the_arm_does_not_reach_is_refused(tmp_path: Path, monkeypatch, capsys) -> None:
     words = ["map", GOOD / "robot", "--points", "5", "--height-mm", "1e5", "--out", tmp_path / "out"]
     done = run_command(words, monkeypatch, capsys)
-    assert done.status == 2 and "reaches no place of the horizontal plane" in done.err, done.out + done.err
+    assert done.status == 2 and "reaches no point of the horizontal plane" in done.err, done.out + done.err
     assert done.err.count("\n") == 1
 
 
