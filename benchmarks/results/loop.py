@@ -39,7 +39,8 @@ CHART = Chart("true rms across path A, mm", {
 LIMITS = (
     "Simulated robots, five kinds; circles under a constant force. Jobs with joint programs alone.",
     "On shops drawn from the uncertainty after poses, the best linear estimate leaves path B at 0.59 of poses alone"
-    " (median of 20, standard deviation 0.09), 3 above 1.05, at most 1.7; the band of A holds at least 76 %.",
+    " (median of 20, standard deviation 0.09), 3 above 1.05, at most 1.7; the band of A holds at least 76 %."
+    " (Computed once, not by this command.)",
     "Poses do not see the force: robot and force errors that cancel in the shipped folder no longer do.",
     "The points of the part have no s_mm, so the error along the path is not measured.",
 )

@@ -44,7 +44,8 @@ CHART = Chart("95 % band, mm", {
 }, log=True)  # fmt: skip
 LIMITS = (
     "Robots are models; force, lost motion and most uncertainties are assumed, and so is the band.",
-    "The author of the program also chose the jobs; the joints cannot reach all their feeds. No MoveIt, no PyRoki.",
+    "The author of the program also chose the jobs and fitted the weights of its second solution to them. The joints"
+    " cannot reach all feeds. No MoveIt, no PyRoki.",
     "`spin_frame` and `spin_small` cannot win: their tool lies along joint 6, so spin turns that joint alone. At 0, "
     "90, 180 and 270 deg cycle and band are equal in each configuration.",
 )
