@@ -162,7 +162,7 @@ def _build_search(problem: Problem, equations: NormalEquations, start: Hyper) ->
     # under varying loads, small compliances everywhere are fitted as well, and deflect
     rigid = not (springs or problem.campaign.load_varies or any(e.name in SOFT for e in problem.fixed))
     most = [limit_sizes(robot, s, np.full(len(s.keys), np.inf)) for s in equations.signatures]
-    return Search(equations, prior, log_priors(equations.signatures), candidates, start, rigid=rigid, most=most)
+    return Search(equations, prior, log_priors(equations.signatures), candidates, start, most, rigid)
 
 
 def _propose(fit: Fit) -> list[Signature]:

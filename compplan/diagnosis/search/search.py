@@ -96,8 +96,8 @@ class Search:
     """Normal equations with their prior, and a cache of evaluated models.
 
     `log_prior` holds the log prior odds of each signature, `candidates` the numbers of claimable signatures, `start`
-    the initial noise and background; `rigid`: whether only claims make the robot compliant; `most` the greatest
-    parameters of each signature that a robot folder can hold [SI].
+    the initial noise and background, `most` the greatest parameters of each signature that a robot folder can hold
+    [SI]; `rigid`: whether only claims make the robot compliant.
     """
 
     equations: NormalEquations
@@ -105,9 +105,9 @@ class Search:
     log_prior: Array
     candidates: Sequence[int]
     start: Hyper
+    most: Sequence[Array]
+    rigid: bool
     cache: dict[frozenset[Claim], Model] = field(default_factory=dict)
-    rigid: bool = False
-    most: Sequence[Array] = ()
 
     def without(self, claims: Sequence[Claim], *removed: Claim) -> list[Claim]:
         """Remove claims; on a robot that becomes rigid also remove claims that require a compliance."""
@@ -170,7 +170,7 @@ class Search:
             sizes = values[columns] * signature.scale
             if (signature.positive and (sizes < 0).any()) or (signature.least and (sizes < signature.least).any()):
                 return True
-            if len(self.most) > claim.signature and (np.abs(sizes) > self.most[claim.signature]).any():
+            if (np.abs(sizes) > self.most[claim.signature]).any():
                 return True
         return False
 

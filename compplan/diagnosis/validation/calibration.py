@@ -27,7 +27,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.diagnosis.data.channels import build_channels
-from compplan.diagnosis.data.shared import SAMPLE
 from compplan.diagnosis.evidence.candidates import (
     BACKGROUND,
     CLASSES,
@@ -48,6 +47,7 @@ from compplan.diagnosis.validation.held_out import Folds, HeldOut
 from compplan.effects.signature import Signature
 from compplan.effects.transmission_error import periods_seen, waves_at
 from compplan.robot import Array
+from compplan.statics.chain import chunks
 
 
 @dataclass(frozen=True)
@@ -303,9 +303,8 @@ def _weigh(left: Array, noise: Array) -> Array:
 def _multiply(design: Array, weight: Array) -> Array:
     """Return the weighted products of columns (N, k), weights (N,), without a copy of all rows. Shape (k, k)."""
     root = np.sqrt(weight)[:, None]
-    parts = [slice(first, first + SAMPLE) for first in range(0, len(design), SAMPLE)]
     gram = np.zeros((design.shape[1], design.shape[1]))
-    for part in parts:
+    for part in chunks(len(design)):
         scaled = design[part] * root[part]
         gram += scaled.T @ scaled
     return gram
@@ -344,7 +343,8 @@ def _solve(
         lower = factorize(gram * np.outer(deviation, deviation) + np.eye(len(variance)))
         inverse = invert_factor(lower)
         return deviation * solve_factor(lower, deviation * (design.T @ (weight * observed))), 1.0 - np.diag(inverse)
-    scaled = design * np.sqrt(weight)[:, None] * deviation
+    root = np.sqrt(weight)
+    scaled = design * root[:, None] * deviation
     white = invert_triangle(factorize(scaled @ scaled.T + np.eye(len(observed))))
     across = white @ scaled
-    return deviation * (across.T @ (white @ (observed * np.sqrt(weight)))), np.asarray(np.sum(across**2, axis=0))
+    return deviation * (across.T @ (white @ (observed * root))), np.asarray(np.sum(across**2, axis=0))

@@ -265,7 +265,7 @@ def revise_probabilities(fit: Fit) -> RevisedProbabilities:
         hyper.log_noise, hyper.log_shared, np.concatenate([hyper.log_tau, np.full(len(kinds), EVIDENCE.start)])
     )
     odds = np.concatenate([fit.search.log_prior, np.full(len(fresh), -np.inf)])
-    search = Search(equations, prior, odds, fit.search.candidates, hyper, rigid=fit.search.rigid, most=fit.search.most)
+    search = replace(fit.search, equations=equations, prior=prior, log_prior=odds, start=hyper, cache={})
     model = _search_again(search, search.model(fit.model.claims, hyper, steps=EVIDENCE.first_steps))
     if model.claims:
         # several claims together may fit one unmodelled error: restart without claims, classes at one noise floor
