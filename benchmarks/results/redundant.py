@@ -46,8 +46,8 @@ LIMITS = (
     "Robots are models; force, lost motion and most uncertainties are assumed, and so is the band.",
     "The author of the program also chose the jobs and fitted the weights of its second solution to them. The joints"
     " cannot reach all feeds. No MoveIt, no PyRoki.",
-    "`spin_frame` and `spin_small` cannot win: their tool lies along joint 6, so spin turns that joint alone. At 0, "
-    "90, 180 and 270 deg cycle and band are equal in each configuration.",
+    "The tool of `spin_frame` and `spin_small` lies along joint 6, so spin turns that joint alone. `spin_small` gains "
+    "nothing, `spin_frame` only by the programmed direction of its tool.",
 )
 WAYS = ("CAM posture", "graph", "graph, eased", "program", "error_band", "fast")
 PRESETS = ("error_band", "fast")
