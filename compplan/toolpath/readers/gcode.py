@@ -202,7 +202,7 @@ class Rs274:
     def _give_words(self, block: CncBlock) -> bool:
         """Assign the words of a block to the M code that owns them; return whether the block is complete."""
         machine, it = block.machine, self.it
-        owner = next((code for code in machine if owns_words(code)), None)
+        owner = next((code for code in machine if owns_words(code) and code not in self.silent), None)
         if not block.codes and block.has(PLACES):
             unclear = [code for code in machine if code not in WITH_COORDINATES and (owns_words(code) or code >= 200.0)]
             if unclear:

@@ -51,12 +51,19 @@ class Code:
 
 def ignore(coordinate_use: str = "") -> Code:
     """Return the operation of a word that does not affect the programmed path."""
-    return Code(lambda dialect, block, code: None, 2 if coordinate_use else 0, coordinate_use)
+    return note("", coordinate_use)
 
 
 def note(text: str, coordinate_use: str = "") -> Code:
-    """Return the operation of a word that is skipped with a note."""
-    return Code(lambda dialect, block, code: dialect.it.note(text), 2 if coordinate_use else 0, coordinate_use)
+    """Return the operation of a word that is skipped with a note, silently if that is empty."""
+
+    def run(dialect: Any, block: CncBlock, code: float) -> None:
+        if coordinate_use == "once" and block.has(dialect.moving) and not MOTIONS.isdisjoint(block.codes):
+            raise InputError(f"G{code:g} and a motion share the coordinates of a block; write two blocks")
+        if text:
+            dialect.it.note(text)
+
+    return Code(run, 2 if coordinate_use else 0, coordinate_use)
 
 
 def refuse(what: str) -> Code:
