@@ -12,6 +12,7 @@ from compplan.errors import InputError
 from compplan.toolpath.readers.apt_words import NUMBER, AptCycle, find_numbers, read_cycle, read_numbers, split_records
 from compplan.toolpath.readers.arcs import MOST_TURNS, Point, arc_about, combine, cross, dot, orient
 from compplan.toolpath.readers.cnc.state import INCH, STARTING, STOPPING, Machine, State
+from compplan.toolpath.readers.frames import UP
 from compplan.toolpath.readers.lines import DECIMAL, count_lines
 from compplan.toolpath.readers.moves import CamFile, MoveLog
 from compplan.toolpath.readers.options import CHORD_MM, CamTable, find_start, refuse_unit
@@ -28,7 +29,7 @@ SWITCHES = {"SPINDL", "COOLNT", "LOADTL", "LOAD", "TLCHG", "DELAY", "DWELL", "ST
 TEXT = ("PARTNO", "PPRINT", "REMARK", "TPRINT", "TITLES", "TOOL PATH", "LETTER", "$$")
 SILENT = {
     "MACHIN", "TLDATA", "SELECT", "CUTTER", "INTOL", "TOLER", "OUTTOL", "PAINT", "DISPLAY", "END-OF-PATH", "FINI",
-    "SEQNO", "REWIND", "MULTAX", "END", "LEADER", "CLEARP", "CLDIST", "PROBE", "CLRSRF", "OPSKIP", "TLCOMP", "CUTCOM",
+    "SEQNO", "REWIND", "END", "LEADER", "CLEARP", "CLDIST", "PROBE", "CLRSRF", "OPSKIP", "TLCOMP", "CUTCOM",
     "ARCSLP", "LINTOL", "MAXDPM", "MAXANG", "DISPLY", "PROGRAM", *SWITCHES,
 }  # fmt: skip
 #: Units of feed in mm/min, and of feed per revolution in mm (None: the unit of length of the file).
@@ -150,6 +151,11 @@ class _AptReader:
             missing = ": holes it drills are missing" if major.startswith("CYCLE") else ""
             self.note(f"record {major[:20]} is not read{missing}")
         self.nx = self.nx or major == "TLDATA"
+
+    def _set_axes(self, words: str) -> None:
+        """Refuse MULTAX/OFF while the tool is tilted: whether points without i, j, k keep its axis is not known."""
+        if words.startswith("OFF") and self.log.axis != UP:
+            raise InputError("MULTAX/OFF with a tilted tool is not read; state i, j, k in each GOTO, or TLAXIS before")
 
     def _go_home(self, words: str) -> None:
         self.note("GOHOME is left out")
@@ -371,7 +377,8 @@ RECORDS: dict[str, Callable[[_AptReader, str], None]] = {
     "GODLTA": lambda reader, words: reader._shift(read_numbers(words)),
     "RAPID": lambda reader, words: setattr(reader, "rapid", True),
     **dict.fromkeys(("FEDRAT", "FEED"), _AptReader._set_feed), **dict.fromkeys(("UNITS", "UNIT"), _AptReader._set_unit),
-    "FROM": _AptReader._go_from, "GOHOME": _AptReader._go_home, "CYCLE": _AptReader._set_cycle,
+    "MULTAX": _AptReader._set_axes, "FROM": _AptReader._go_from, "GOHOME": _AptReader._go_home,
+    "CYCLE": _AptReader._set_cycle,
     "TLAXIS": lambda reader, words: setattr(reader.log, "axis", _axis(read_numbers(words)[:3])),
     "INDIRV": lambda reader, words: setattr(reader, "direction", _axis(read_numbers(words)[:3])),
     **dict.fromkeys(("CIRCLE", "MOVARC", "ARC"), _AptReader._note_arc),

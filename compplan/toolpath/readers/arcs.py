@@ -63,7 +63,7 @@ class Arc:
         """Refuse an arc whose start and end do not lie on one circle about its centre."""
         if not self.fits_circle:
             raise OffCircleError(f"arc starts {self.radius:.4f} mm from its centre and ends {self.end_radius:.4f} mm "
-                                 "from it, expected the same radius")  # fmt: skip
+                                 "from it, expected the same radius; correct or re-post the arc")  # fmt: skip
 
     def tangent(self, angle: float) -> Point:
         """Return the tangent in the plane of the arc, without its pitch, after an angle of the sweep [rad]."""

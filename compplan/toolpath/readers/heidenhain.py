@@ -213,13 +213,13 @@ class Klartext:
 
     def begin(self, rest: str) -> None:
         """BEGIN PGM: set the unit."""
-        unit = re.search(r"\b(MM|INCH)\s*$", rest)
+        unit = re.search(r"\b(MM|IN|INCH)\s*$", rest)
         if self.begun:
             raise InputError("a second program begins; one a file is read")
         if not unit:
             raise InputError(f"{rest[:40]!r} states no unit, expected MM or INCH at its end")
         self.begun = True
-        self._set_unit(INCH if unit.group(1) == "INCH" else 1.0)
+        self._set_unit(1.0 if unit.group(1) == "MM" else INCH)
 
     def _set_unit(self, scale: float) -> None:
         self.words.unit = scale

@@ -29,7 +29,7 @@ from compplan.toolpath.readers.cnc.origins import FRAME_WORDS, Origins, change_f
 from compplan.toolpath.readers.cnc.sinumerik_program import FLOW, SinumerikFlow, strip
 from compplan.toolpath.readers.cnc.state import AXES, INCH, CncBlock, State
 from compplan.toolpath.readers.frames import PLANE_NORMALS, UP
-from compplan.toolpath.readers.gcode import BEGINNING
+from compplan.toolpath.readers.gcode import BEGINNING, refuse_turning
 from compplan.toolpath.readers.lines import count_lines, split_lines
 from compplan.toolpath.readers.moves import CamFile
 from compplan.toolpath.readers.options import CamTable
@@ -68,7 +68,7 @@ TOOL_NAME = re.compile(r"\bT\d*\s*=\s*\"([^\"]*)\"", re.IGNORECASE)
 #: Words of motions that are not supported.
 REFUSED = re.compile(
     r"[ABC]SPLINE|POLY|POLYPATH|INVCC?W|A?ROTS?|CROTS?|TRANSMIT\w*|TRACYL\w*|TRAANG|TRACON|TOFRAME\w?|TOROT\w?|PAROT|"
-    r"MEAS|MEAW|DIAMON|ROTATION|OFFN|CORROF|PTP|EAUTO|ENAT|BAUTO|BNAT|MEAC|TANG\w*|ORIPATH\w*|ORICON\w*|COUPON"
+    r"MEAS|MEAW|DIAMON|DIAM90|ROTATION|OFFN|CORROF|PTP|EAUTO|ENAT|BAUTO|BNAT|MEAC|TANG\w*|ORIPATH\w*|ORICON\w*|COUPON"
 )
 
 
@@ -84,6 +84,7 @@ def read(text: str, file: Path, options: CamTable) -> CamFile:
 
     The path is in the work offset that is active at the first move.
     """
+    refuse_turning(text, file)
     reader = Sinumerik(file, options)
     reader.run(text)
     return reader.it.log.finish(file, name, ", ".join(reader.it.state.units) or "not stated", count_lines(text))
@@ -213,7 +214,10 @@ class Sinumerik:
             state.motion = 1.0
         if state.motion in (0.0, 1.0) and block.has(OF_ARCS):
             raise InputError("words of an arc (CR, AR, TURN) in a straight block")
-        it.motion.move(block)
+        if values.get("D") == 0.0 and "Z" in values:
+            it.leave_without_length(block, "D0")
+        else:
+            it.motion.move(block)
         return True
 
     def _call(self, called: str, arguments: list[str], times: float) -> None:

@@ -136,6 +136,7 @@ def test_vendor_records_are_read_past_with_a_note(read) -> None:
         (ARC.format("CIRCLE/10,0,0,0,0,1"[:-4]), r":4: arc record with 5 numbers|:4: arc record with"),
         (ARC.format("CIRCLE/11,0,0,0,0,1,10"), r":5: arc starts 9.0000 mm from its centre and ends 10.0499"),
         ("MODE/INCR", r":1: MODE/INCR"),
+        ("UNITS/MM\nMULTAX/ON\nFROM/0,0,0,0,.6,.8\nMULTAX/OFF", r":4: MULTAX/OFF with a tilted tool"),
     ],
 )
 def test_what_is_not_read_is_refused_with_its_line(read, text: str, sentence: str) -> None:

@@ -229,6 +229,7 @@ def test_holes_are_drilled_from_the_clearance_to_the_depth_and_left_rapidly(read
     assert ends(cam)[1:11] == hole + [[30, *point[1:]] for point in [[0, 5, 21], *hole[1:]]]
     assert cam.facts.cycles == 2 and cam.facts.cutting_moves == 0
     assert (cam.toolpath.feed * 1e3)[~cam.toolpath.rapid].tolist() == pytest.approx([2, 2])
+    assert "retracts between the pecks" in cam.facts.notes[0]
 
 
 def test_modal_calls_patterns_and_positions_drill_every_hole(read) -> None:
@@ -335,7 +336,9 @@ def test_spatial_angles_under_tcpm_need_no_machine(read) -> None:
 
 
 def test_programs_in_inches_count_feeds_in_tenths_of_an_inch(read) -> None:
-    cam = read("BEGIN PGM P INCH\nL X+0 Y+0 Z+1 FMAX\nL X+2 F120\nEND PGM P INCH\n")
+    text = "BEGIN PGM P INCH\nL X+0 Y+0 Z+1 FMAX\nL X+2 F120\nEND PGM P INCH\n"
+    cam = read(text)
+    assert ends(read(text.replace("INCH", "IN"))) == ends(cam)  # a post writes it short
     assert ends(cam) == [[0, 0, 25.4], [50.8, 0, 25.4]] and cam.toolpath.feed[-1] * 1e3 == pytest.approx(5.08)
     assert cam.facts.unit == "inch"
 

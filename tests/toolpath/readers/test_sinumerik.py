@@ -156,6 +156,13 @@ def test_drilling_cycles_go_from_the_safety_distance_to_their_depth_and_back(rea
     assert ends(read(f"{HEAD}F120\nG0 X5 Y0\n{call}\nM30\n"))[2:] == CYCLES[call]
 
 
+def test_z_without_tool_length_is_no_place_of_the_tip(read) -> None:
+    cam = read(f"{HEAD}G1 Z-1 F9\nG0 Z300 D0\nX20 Y0\nZ5 D1\nM30\n")
+    assert 300 not in [z for _, _, z in ends(cam)] and ends(cam)[-1] == [20, 0, 5]
+    with pytest.raises(InputError, match="the tip's place is not known"):
+        read(f"{HEAD}G1 Z-1 F9 D0\nM30\n")
+
+
 def test_tapping_cuts_with_its_pitch(read) -> None:
     cam = read(f"{HEAD}CYCLE84(20,0,2,-15,,,3,,1.5,0,500,600)\nM30\n")
     assert (cam.toolpath.feed[~cam.toolpath.rapid] * 1e3).tolist() == pytest.approx([12.5, 15])
@@ -223,7 +230,7 @@ def test_inches_and_feeds_by_the_turn_and_the_dwell(read) -> None:
 
 REFUSED = [
     ("POCKET3(50,0,2,-5)", "POCKET3 is not read"), ("CYCLE72(\"A\",50)", "CYCLE72 is not read"), ("BSPLINE", "BSPLINE"),
-    ("TRANSMIT", "TRANSMIT"), ("G33 Z-5 K1", "G33 (threading)"), ("G58 X5", "G58 (it changes"),
+    ("TRANSMIT", "TRANSMIT"), ("DIAM90", "DIAM90"), ("G33 Z-5 K1", "G33 (threading)"), ("G58 X5", "G58 (it changes"),
     ("SCALE X2", "different factors"),
     ("ROUTINE7(5)", "subprogram call ROUTINE7"), ("L100", "subprogram call L100"),
     ("UNKNOWN", "word UNKNOWN is not read"), ("G63 Z-9", "tapping"),

@@ -65,6 +65,14 @@ GEOMETRY = [
 ]  # fmt: skip
 
 
+@pytest.mark.parametrize("head", ["G50 S2000", "G92 S500 (Y5)", "G96 S200 M3", "T0101"])
+def test_turning_programs_are_refused(read, head: str) -> None:
+    turned = f"G21\n{head}\nG0 X50. Z2.\nG1 Z-20. F.2\n"
+    with pytest.raises(InputError, match=r"part.nc:2: a turning program \(no Y\) is not read"):
+        read(turned)
+    assert length(read(turned.replace("Z2.", "Y0 Z2."))) == 22
+
+
 @pytest.mark.parametrize("word", GEOMETRY)
 def test_words_that_change_geometry_or_frames_are_refused(read, word: str) -> None:
     with pytest.raises(InputError, match=r"part.nc:2: .*is not read"):

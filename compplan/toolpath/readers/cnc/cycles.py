@@ -27,6 +27,7 @@ PECK_NOTE = (
     f"G83 comes back to {PECK_CLEARANCE_MM:g} mm above the depth before, G73 goes back by as much: "
     "assumed, the control's own setting is not in the file"
 )
+WITHOUT_PECKS = "the retracts between the pecks of a hole are left out: it is drilled in one move"
 #: Cycles of G-code that retract at the feed, dwell at the bottom, and reverse the spindle there.
 FEED_BACK = frozenset({74.0, 84.0, 85.0, 89.0})
 DWELLING = frozenset({82.0, 89.0, 76.0, 88.0, 74.0, 84.0})
@@ -280,6 +281,8 @@ class SinumerikCycles:
         else:
             feed = out = it.motion.feed(0.0)
         axis, clear = DEEP_AXIS[it.state.plane], surface + sense * abs(sdis or 0.0)
+        if called == "CYCLE83":
+            it.note(WITHOUT_PECKS)
         with it.log.hole():
             drill(it.course, Hole(axis, clear, bottom, rtp, feed, out if DRILLING[called] else None), called)
 

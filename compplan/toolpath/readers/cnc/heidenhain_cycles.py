@@ -9,7 +9,15 @@ from dataclasses import dataclass, field
 
 from compplan.errors import InputError
 from compplan.toolpath.readers.arcs import Point, cross, set_levels
-from compplan.toolpath.readers.cnc.cycles import SKIPPED, Hole, drill, go_to_level, list_circle, list_grid
+from compplan.toolpath.readers.cnc.cycles import (
+    SKIPPED,
+    WITHOUT_PECKS,
+    Hole,
+    drill,
+    go_to_level,
+    list_circle,
+    list_grid,
+)
 from compplan.toolpath.readers.cnc.heidenhain_words import ASSIGN, CYCLE, NUMBER, TILT_ANGLES, VALUE, KlartextWords
 from compplan.toolpath.readers.cnc.interpreter import Interpreter
 from compplan.toolpath.readers.cnc.state import AXES
@@ -188,6 +196,8 @@ class HeidenhainCycles:
                 go_to_level(course, axis, clear)
                 go_to_level(course, axis, top)
             elif depth != 0.0:
+                if 0.0 < values.get("3" if old else "Q202", 0.0) < -depth:
+                    self.it.note(WITHOUT_PECKS)
                 hole = Hole(axis, clear, bottom, top, feed, out, by_clear=True)
                 drill(course, hole, str(cycle.number))
             elif not old:

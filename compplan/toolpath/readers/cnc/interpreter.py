@@ -217,6 +217,17 @@ class Interpreter:
             self.course.mark_unknown(axes)
         self.turn_home({letter: block.values[letter] for letter in LETTERS if letter in block.values})
 
+    def leave_without_length(self, block: CncBlock, words: str) -> None:
+        """Execute a block that cancels tool length compensation; its Z is left out: it is not a tip position."""
+        course = self.course
+        if self.state.motion != 0.0:
+            raise InputError(f"a cut to Z with the tool's length cancelled ({words}): the tip's place is not known")
+        self.note(f"Z of a block that cancels the tool's length ({words}) is left out: it is not a place in the part")
+        course.retreat()
+        course.mark_unknown([2])
+        del block.values["Z"]
+        course.rapid(*self.motion.target(block))
+
     def turn_home(self, angles: dict[str, float]) -> None:
         """Set the angles of rotary axes after a move that is left out."""
         if angles:
