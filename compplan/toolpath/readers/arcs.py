@@ -183,7 +183,7 @@ def arc_through(start: Point, via: Point, end: Point) -> Arc | None:
     return arc_about(start, end, centre, combine(1.0 / size, normal, 0.0, normal))
 
 
-def find_arc(start: Point, via: Point, end: Point, angle: float | None = None) -> Arc:
+def build_arc(start: Point, via: Point, end: Point, angle: float | None = None) -> Arc:
     """Return the arc from start through a point to an end; raise an InputError where there is none. [mm]
 
     `angle` [rad], if given, replaces the sweep of the arc to `end`.

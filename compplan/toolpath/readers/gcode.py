@@ -199,7 +199,7 @@ class Rs274:
             it.machine.start(block)
         calls = 98.0 in machine or 97.0 in machine
         if coordinate_use == "machine":
-            self.origins.move_in_machine(block)
+            it.leave_out_machine_move(block, "G53")
         elif not coordinate_use and block.has(MOVING):
             if calls:
                 block.values = {letter: number for letter, number in values.items() if letter not in "PLK"}

@@ -59,7 +59,7 @@ FOREIGN = re.compile(
 )
 #: Lengths of a motion block; addresses that do not affect the path.
 LENGTHS = (*AXES, *"IJK", *MIDDLES, "CR", "RP")
-SILENT = frozenset(("F", "S", "T", "D", "H", "M", "P", "FB", "FRC", "FRCM", "RNDM", "FA", "DISCL", "FGREF", "TOFFL",
+SILENT = frozenset(("F", "S", "T", "D", "H", "M", "P", "FB", "FRC", "FRCM", "FA", "DISCL", "FGREF", "TOFFL",
                     "TOFFR", "OMA", "STOLF", "TCARR", *VALUES, *CORNERS))  # fmt: skip
 OF_ARCS = frozenset(("CR", "AR", "TURN", *MIDDLES))
 #: Moves in machine coordinates, which are left out: their end points may be unknown.
@@ -196,8 +196,6 @@ class Sinumerik:
                 raise InputError(f"word {address} is not read and may move the tool; post-process without it")
         if values.get("OVR", 100.0) != 100.0:
             it.note("OVR (a share of the feed) is not applied")
-        if "RNDM" in values:
-            state.rounding = values["RNDM"] * state.scale
         if "F" in values and 4.0 not in block.codes:
             state.set_feed(values["F"])
         if coordinate_use == "once" or not block.has(MOVING):

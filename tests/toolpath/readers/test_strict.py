@@ -119,12 +119,6 @@ def test_work_offsets_that_the_program_states_move_the_path(read) -> None:
         read(HEAD + "G1 X10 F9\nG10 L2 P2 X100\nG55\nG1 X20\n")
 
 
-def test_machine_moves_are_kept_where_the_offset_is_known(read) -> None:
-    cam = read("G10 L2 P1 X0 Y0 Z100\n" + HEAD + "G53 G0 Z150\nG1 Z0 F9\n")
-    assert length(cam) == 50 and not cam.facts.notes
-    assert "machine coordinates (G53) are left out" in read(HEAD + "G53 G0 Z150\nG0 Z9\nG1 Z1 F9\n").facts.notes[0]
-
-
 @pytest.mark.parametrize(
     ("block", "sentence"),
     [

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 from compplan.errors import InputError
-from compplan.toolpath.readers.arcs import Point, cross, set_levels
+from compplan.toolpath.readers.arcs import Point, set_levels
 from compplan.toolpath.readers.cnc.cycles import (
     SKIPPED,
     WITHOUT_PECKS,
@@ -26,7 +25,6 @@ from compplan.toolpath.readers.frames import (
     PLANE_AXES,
     PLANE_NORMALS,
     Frame,
-    frame_from_normal,
     mirror,
     rotate,
     stretch,
@@ -35,7 +33,7 @@ from compplan.toolpath.readers.lines import match_form
 
 #: Drilling cycles, and whether the tool retracts at the feed; old cycles, and the number of the part with their feed.
 DRILLING = {1: False, 2: True, 17: True, 200: False, 201: True, 202: True, 203: False, 205: False, 206: True,
-            207: True, 208: False, 209: True, 240: False}  # fmt: skip
+            207: True, 209: True, 240: False}  # fmt: skip
 OLD = {1: 5, 2: 4, 17: 3}
 #: Tapping cycles at the pitch of the thread, and its part or parameter.
 PITCHES = {17: "3", 207: "Q239", 209: "Q239"}
@@ -44,7 +42,7 @@ SILENT = {13, 32, 239, 332, 392}
 #: Rapid retraction, written as a feed. [mm/min]
 FASTEST = 99999.0
 AXIS_VALUE = re.compile(rf"(I?)([XYZ])\s*({VALUE})")
-NAMED = re.compile(rf"(P\d[XYZ]|[A-Z]+)\s*({VALUE})")
+NAMED = re.compile(rf"(SP[ABC])\s*({VALUE})")
 #: Words of PLANE for the positioning of the rotary axes, without effect on the plane.
 HOW = re.compile(
     r"\b(MOVE|TURN|STAY|SEQ\s*[-+]|SYM\s*[-+]|TABLE\s+ROT|COORD\s+ROT|F\s*MAX|F\s*AUTO|F\s*[\d.,]+|FQ\d+|"
@@ -190,34 +188,13 @@ class HeidenhainCycles:
             top = max(clear, surface + values.get("Q204", 0.0))
             self.it.state.motion = 0.0
         with self.it.log.hole():
-            if cycle.number == 208 and depth != 0.0 and self.it.options.cycles == "expand":
-                go_to_level(course, axis, clear)
-                self._mill_bore(values, clear, bottom, feed)
-                go_to_level(course, axis, clear)
-                go_to_level(course, axis, top)
-            elif depth != 0.0:
+            if depth != 0.0:
                 if 0.0 < values.get("3" if old else "Q202", 0.0) < -depth:
                     self.it.note(WITHOUT_PECKS)
                 hole = Hole(axis, clear, bottom, top, feed, out, by_clear=True)
                 drill(course, hole, str(cycle.number))
             elif not old:
                 go_to_level(course, axis, top)
-
-    def _mill_bore(self, values: Mapping[str, float], first: float, bottom: float, feed: float) -> None:
-        """Mill a bore (cycle 208): outwards from its centre, down a helix, full circle at the bottom, back."""
-        radius, course, plane = self.words.radii.get(self.words.tool), self.it.course, self.it.state.plane
-        if radius is None:
-            raise InputError("cycle 208 needs the radius of the tool (TOOL DEF n R), which the program does not state")
-        reach, pitch = 0.5 * values.get("Q335", 0.0) - radius, abs(values.get("Q334", 0.0))
-        if reach <= 0.0 or pitch <= 0.0:
-            raise InputError("cycle 208 needs a bore Q335 wider than the tool and an infeed Q334")
-        middle, one = course.position, PLANE_AXES[plane][0]
-        end = set_levels(middle, {self.words.tool_axis: bottom})
-        course.line(set_levels(middle, {one: middle[one] + reach}), feed)
-        for turns in (max(1, math.ceil((first - bottom) / pitch - 1e-9)), 1):
-            low = set_levels(end, {one: middle[one] + reach})
-            course.arc(low, feed, middle, PLANE_NORMALS[plane], turns)
-        course.line(end, feed)
 
     def _drill_pattern(self, pattern: Cycle) -> None:
         """Execute cycles 220 (holes on a circle) and 221 (holes in rows) with the drilling cycle defined before."""
@@ -339,34 +316,17 @@ class HeidenhainCycles:
             self.it.course.set_tool_axis(axis)
 
     def run_plane(self, rest: str) -> None:
-        """Execute PLANE .. ."""
+        """Execute PLANE SPATIAL, PLANE RELATIV (one more rotation) and PLANE RESET."""
         kind, _, words = rest.partition(" ")
+        if kind not in ("SPATIAL", "RELATIV", "RESET"):
+            raise InputError(f"PLANE {kind} is not read; use PLANE SPATIAL")
         words = HOW.sub(" ", f" {words} ")
-        numbers = {name: self.value(text) for name, text in NAMED.findall(words)}
-        if NAMED.sub("", words).strip():
-            raise InputError(f"PLANE {rest[:40]!r} is not read, {NAMED.sub('', words).strip()[:20]!r} is not known")
-        try:
-            self._set_tilt(self._find_plane(kind, numbers))
-        except KeyError as missing:
-            raise InputError(f"PLANE {kind} has no {missing.args[0]}") from None
-
-    def _find_plane(self, kind: str, n: dict[str, float]) -> Frame:
-        if kind == "RESET":
-            return Frame()
-        if kind == "SPATIAL":
-            return find_spatial(n["SPA"], n["SPB"], n["SPC"])
-        if kind == "EULER":
-            return rotate(2, n["EULPR"]).then(rotate(0, n["EULNU"])).then(rotate(2, n["EULROT"]))
-        if kind == "VECTOR":
-            return frame_from_normal((n["BX"], n["BY"], n["BZ"]), (n["NX"], n["NY"], n["NZ"]))
-        if kind == "POINTS":
-            one, two, three = ((n[f"P{i}X"], n[f"P{i}Y"], n[f"P{i}Z"]) for i in (1, 2, 3))
-            if any(one):
-                raise ValueError("PLANE POINTS is read with its first point at the datum; shift the datum there")
-            return frame_from_normal(two, cross(two, three))
-        if kind == "RELATIV":
-            (name, angle), *more = n.items()
-            if more or name not in ("SPA", "SPB", "SPC"):
-                raise ValueError("PLANE RELATIV takes one angle: SPA, SPB or SPC")
-            return self.it.plane.then(rotate("ABC".index(name[-1]), angle))
-        raise ValueError(f"PLANE {kind} is not read; use PLANE SPATIAL")
+        angles = {name: self.value(text) for name, text in NAMED.findall(words)}
+        if odd := NAMED.sub("", words).strip():
+            raise InputError(f"PLANE {rest[:40]!r} is not read, {odd[:20]!r} is not known")
+        if len(angles) != {"SPATIAL": 3, "RELATIV": 1, "RESET": 0}[kind]:
+            raise InputError(f"PLANE {rest[:40]!r} is not read, expected SPA, SPB and SPC, one of them in RELATIV")
+        tilt = Frame() if kind != "RELATIV" else self.it.plane
+        for name in ("SPC", "SPB", "SPA"):
+            tilt = tilt.then(rotate("ABC".index(name[-1]), angles[name])) if name in angles else tilt
+        self._set_tilt(tilt)

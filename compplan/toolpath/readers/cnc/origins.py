@@ -191,24 +191,6 @@ class Origins:
             ))  # fmt: skip
         self.it.set_frames(origin=Frame(origin=self.zero))
 
-    def move_in_machine(self, block: CncBlock) -> None:
-        """Execute a move in machine coordinates (G53) if the active work offset is known; otherwise leave it out."""
-        course, origin, named = self.course, self.origins.get(self.active, {}), block.list_axes()
-        if any(axis not in origin for axis in named) or not course.frame.plain or block.has(frozenset(LETTERS)):
-            self.it.leave_out_machine_move(block, "G53")
-            return
-        cuts = self.state.motion == 1.0
-        if cuts:
-            course.begin_cut()
-        places = self.state.lengths(block).items()
-        levels = {axis: place - origin[axis] - self.origin[axis] - self.shifted[axis] for axis, place in places}
-        target = set_levels(course.position, levels)
-        self.it.contour.refuse_open()
-        if cuts and named:
-            course.line(target, self.it.motion.feed(math.dist(target, course.position)))
-        elif named:
-            course.rapid(target, named)
-
     def _find_centre(self, block: CncBlock, axes: Sequence[int] = (0, 1, 2)) -> Point:
         """Return the centre of a rotation or scaling: coordinates of the block, by default those of the tool."""
         stated = {axis: level for axis, level in self.state.lengths(block).items() if axis in axes}

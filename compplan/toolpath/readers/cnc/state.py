@@ -83,8 +83,6 @@ class State:
     pole: Point | None = None
     pole_plane: int | None = None
     polar_words: dict[str, float] = field(default_factory=dict)
-    #: Modal rounding radius of corners (RNDM).
-    rounding: float = 0.0
     #: Whether the current block cancels tool length compensation.
     cancels_length: bool = False
     retract_to_start: bool = True
