@@ -83,7 +83,7 @@ def recognise(text: str) -> bool:
 
 def refuse_turning(text: str, file: Path) -> None:
     """Refuse a program of a lathe."""
-    if (turned := TURNED.search(text)) and not WITH_Y.search(text):
+    if not WITH_Y.search(text) and (turned := TURNED.search(text)):
         message = "a turning program (no Y) is not read: X may be a diameter; in a milling program state Y before a cut"
         raise InputError(message, file=file, where=text.count("\n", 0, turned.start()) + 1)
 

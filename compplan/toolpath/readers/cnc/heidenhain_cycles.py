@@ -316,17 +316,12 @@ class HeidenhainCycles:
             self.it.course.set_tool_axis(axis)
 
     def run_plane(self, rest: str) -> None:
-        """Execute PLANE SPATIAL, PLANE RELATIV (one more rotation) and PLANE RESET."""
+        """Execute PLANE SPATIAL and PLANE RESET."""
         kind, _, words = rest.partition(" ")
-        if kind not in ("SPATIAL", "RELATIV", "RESET"):
+        if kind not in ("SPATIAL", "RESET"):
             raise InputError(f"PLANE {kind} is not read; use PLANE SPATIAL")
         words = HOW.sub(" ", f" {words} ")
         angles = {name: self.value(text) for name, text in NAMED.findall(words)}
-        if odd := NAMED.sub("", words).strip():
-            raise InputError(f"PLANE {rest[:40]!r} is not read, {odd[:20]!r} is not known")
-        if len(angles) != {"SPATIAL": 3, "RELATIV": 1, "RESET": 0}[kind]:
-            raise InputError(f"PLANE {rest[:40]!r} is not read, expected SPA, SPB and SPC, one of them in RELATIV")
-        tilt = Frame() if kind != "RELATIV" else self.it.plane
-        for name in ("SPC", "SPB", "SPA"):
-            tilt = tilt.then(rotate("ABC".index(name[-1]), angles[name])) if name in angles else tilt
-        self._set_tilt(tilt)
+        if NAMED.sub("", words).strip() or len(angles) != (3 if kind == "SPATIAL" else 0):
+            raise InputError(f"PLANE {rest[:40]!r} is not read, expected SPA SPB SPC and how the axes turn")
+        self._set_tilt(find_spatial(*(angles.get(name, 0.0) for name in ("SPA", "SPB", "SPC"))))
