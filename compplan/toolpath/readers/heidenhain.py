@@ -178,10 +178,9 @@ class Klartext:
         elif text[0] in "*;" or (text[0] == "(" and not self.begun and text.endswith(")")):
             self.it.log.add_event("comment", text=text[1 : -1 if text[0] == "(" else None].strip())
         elif word.startswith("Q") and "=" in text:
-            self._assign(text)
-            if defining:
-                self.cycles.add_value(text)
-                self.cycles.defining = True
+            self.cycles.defining = defining
+            if not (defining and self.cycles.add_values(text)):
+                self._assign(text)
         elif word in STATEMENTS:
             STATEMENTS[word](self, text[len(word) :].strip())
         elif word in REFUSED:

@@ -234,6 +234,13 @@ def test_modal_calls_patterns_and_positions_drill_every_hole(read) -> None:
     assert holes(rows) == [[5, 5], [15, 5], [15, 25], [5, 25]]
 
 
+def test_parameters_of_a_cycle_may_change_before_its_call_and_stand_below_its_name(read) -> None:
+    deeper = cuts(read(close(f"{DRILL}\nL X+10 Y+5 FMAX M99\nQ201=-20\nL X+30 FMAX M99")))
+    assert [point[2] for point in deeper] == [-14, -19]
+    below = DRILL.replace("DRILLING ~", "DRILLING")
+    assert below != DRILL and cuts(read(close(f"{below}\nCYCL CALL"))) == cuts(read(close(f"{DRILL}\nCYCL CALL")))
+
+
 def test_tapping_leaves_with_the_pitch_and_old_pecking_starts_where_the_tool_is(read) -> None:
     tap = "CYCL DEF 207 RIGID TAPPING ~\n Q200=2 ~\n Q201=-10 ~\n Q239=+1.5 ~\n Q203=0 ~\n Q204=50"
     cam = read(close(f"{tap}\nL X+10 FMAX M99"))

@@ -17,7 +17,7 @@ from compplan.toolpath.readers.cnc.cycles import (
     list_circle,
     list_grid,
 )
-from compplan.toolpath.readers.cnc.heidenhain_words import ASSIGN, CYCLE, NUMBER, TILT_ANGLES, VALUE, KlartextWords
+from compplan.toolpath.readers.cnc.heidenhain_words import CYCLE, NUMBER, TILT_ANGLES, VALUE, KlartextWords
 from compplan.toolpath.readers.cnc.interpreter import Interpreter
 from compplan.toolpath.readers.cnc.state import AXES
 from compplan.toolpath.readers.frames import (
@@ -110,21 +110,22 @@ class HeidenhainCycles:
             if last:
                 self.cycle.values[str(part)] = self.value(last.group(1))
         elif number in DRILLING or number in (220, 221):
-            cycle = Cycle(number, {name: self._read_value(value) for name, value in CYCLE_VALUE.findall(rest)})
-            self.words.values.update(cycle.values)
-            self.defining = True
-            if number in DRILLING:
-                self.cycle = cycle
-            else:
-                self._drill_pattern(cycle)
+            drilling, self.cycle, self.defining = self.cycle, Cycle(number), True
+            self.add_values(rest, named=True)
+            if number not in DRILLING:
+                pattern, self.cycle = self.cycle, drilling
+                self._drill_pattern(pattern)
         elif number not in SILENT:
             raise InputError(f"CYCL DEF {number} is not read; write its moves out in the CAM system")
 
-    def add_value(self, text: str) -> None:
-        """Add a value from a separate line after the definition of its cycle."""
-        found = ASSIGN.match(text)
-        if found and self.cycle is not None:
-            self.cycle.values[found.group(1)] = self._read_value(found.group(2).strip())
+    def add_values(self, text: str, *, named: bool = False) -> bool:
+        """Add the values of a text to the cycle, and return whether it holds nothing else; `named`: after a name."""
+        found = CYCLE_VALUE.findall(text)
+        if self.cycle is None or (not named and CYCLE_VALUE.sub("", text).strip()):
+            return False
+        self.cycle.values.update({name: self._read_value(value) for name, value in found})
+        self.words.values.update(self.cycle.values)
+        return True
 
     def _read_value(self, text: str) -> float:
         if text.endswith("MAX"):
@@ -138,13 +139,19 @@ class HeidenhainCycles:
     def call(self, place: Point | None = None) -> None:
         """Drill at the position of the tool, or at another one, whose height is added to the surface Q203."""
         if place is not None:
-            above = self.cycle.values.get("Q203", 0.0) if self.cycle else 0.0
+            above = self._renew().values.get("Q203", 0.0) if self.cycle else 0.0
             self._drill_over(place, {"Q203": above + place[self.words.tool_axis]}, "CYCL CALL at positions")
             return
         self.it.contour.refuse_open()
         if self.cycle is None:
             raise InputError("a cycle is called, and none that is read is defined")
-        self._drill(self.cycle)
+        self._drill(self._renew())
+
+    def _renew(self) -> Cycle:
+        """Return the cycle with the present values of its parameters, which the program may change after it."""
+        assert self.cycle is not None
+        old = self.cycle.number in OLD
+        return self.cycle if old else Cycle(self.cycle.number, {name: self.value(name) for name in self.cycle.values})
 
     def _drill_over(self, place: Point, changes: Mapping[str, float], what: str) -> None:
         """Move rapidly above a position at the current height, and drill there with modified values of the cycle."""
@@ -152,7 +159,7 @@ class HeidenhainCycles:
             raise InputError(f"{what} needs a cycle from 200 before it")
         height = self.it.course.position[self.words.tool_axis]
         self.it.course.rapid(set_levels(place, {self.words.tool_axis: height}), PLANE_AXES[self.it.state.plane])
-        self._drill(Cycle(self.cycle.number, {**self.cycle.values, **changes}))
+        self._drill(Cycle(self.cycle.number, {**self._renew().values, **changes}))
 
     def _drill(self, cycle: Cycle) -> None:
         """Execute a cycle at the position of the tool.
