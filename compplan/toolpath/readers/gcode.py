@@ -42,7 +42,9 @@ PRINTER = re.compile(
 )
 
 #: Marks of a turning program, if it has no Y: a constant cutting speed, a limit of S, tools with offsets (T0101).
-TURNED = re.compile(r"^[^(;\n]*?(?:G0*96(?![\d.])|G0*(?:50|92)\s*S|T\d{4}(?!\d|[^(;\n]*M0*6))", re.MULTILINE | re.I)
+TURNED = re.compile(
+    r"^[^(;\n]*?(?:G0*96(?![\d.])|G0*(?:50|92)\s*S|LIMS\s*=|T\d{4}(?!\d|[^(;\n]*M0*6))", re.MULTILINE | re.IGNORECASE
+)
 WITH_Y = re.compile(r"^[^(;\n]*?Y\s*=?\s*[-+.\d#\[]", re.MULTILINE | re.IGNORECASE)
 
 name = "gcode"

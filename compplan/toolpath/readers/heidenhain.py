@@ -337,7 +337,7 @@ class Klartext:
         if "AP" in block.relative:
             angle = values["AP"]
             if angle == 0.0 or (angle > 0.0) != (state.motion == 3.0):
-                raise InputError(f"IPA{angle:+g} and DR contradict each other")
+                raise InputError(f"IPA{angle:+g} and DR contradict each other; write both with one sign")
             values["TURN"] = math.ceil(abs(angle) / 360.0 - 1e-9) - 1.0
 
     def set_pole(self, rest: str) -> None:

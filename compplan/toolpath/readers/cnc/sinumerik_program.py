@@ -152,15 +152,8 @@ class SinumerikBlocks:
 
     def _keep(self, address: str, number: float, how: str = "") -> None:
         words = self.words
-        if address == "G":
-            words.codes.append(number)
-        elif address == "M":
-            words.machine.append(number)
-        elif address in words.values:
-            raise ValueError(f"word {address} stands twice in this block, expected once")
-        else:
-            words.values[address] = number
-            (words.relative if how == "I" else words.absolute if how == "A" else set()).add(address)
+        words.put(address, number)
+        (words.relative if how == "I" else words.absolute if how == "A" else set()).add(address)
 
     def _read_named(self, name: str) -> None:
         """Read NAME, NAME=.., NAME[..]=.., NAME(..), R1=.., I1=.., A3=.., M1=.., S1=.."""
