@@ -16,7 +16,7 @@ from compplan.toolpath.readers.arcs import MOST_TURNS, OffCircleError, Point
 from compplan.toolpath.readers.cnc.cycles import begin_cycle, run_cycle
 from compplan.toolpath.readers.cnc.flow import END, CncProgram, Flow
 from compplan.toolpath.readers.cnc.interpreter import COMMON, MOTIONS, Code, Interpreter, ignore, note, refuse, set_mode
-from compplan.toolpath.readers.cnc.motion import CORNERS, DIRECTIONS, PLAIN, STRAIGHT
+from compplan.toolpath.readers.cnc.motion import DIRECTIONS, PLAIN, STRAIGHT
 from compplan.toolpath.readers.cnc.origins import Origins
 from compplan.toolpath.readers.cnc.rs274_lexer import LENGTHS, WITH_COORDINATES, Lexer, owns_words
 from compplan.toolpath.readers.cnc.rs274_macro import Macros
@@ -253,8 +253,6 @@ class Rs274:
         if state.cancels_length and "Z" in values:
             it.leave_without_length(block, "H0, G49")
             return
-        if (it.contour.held or not values.keys().isdisjoint(CORNERS)) and state.motion != 1.0:
-            raise InputError("a corner is rounded or cut between two straight moves (G1) only; post-process without it")
         if self.vectors and state.motion in (0.0, 1.0):
             values.update({direction: values.pop(letter) for letter, direction in VECTOR if letter in values})
         if state.motion in (2.0, 3.0):

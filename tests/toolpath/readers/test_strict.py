@@ -191,7 +191,7 @@ def test_corners_are_rounded_or_cut_off_as_asked(read, corner: str, expected: fl
     ("text", "sentence"),
     [
         ("G1 X10 F9 ,R20\nY10\n", ":3: a corner of 20 takes 20 of moves of 10"),
-        ("G1 X10 F9 ,R2\nG0 Y10\n", ":3: a corner is rounded or cut between two straight moves"),
+        ("G1 X10 F9 ,R2\nG0 Y10\n", ":3: the rounded or cut corner of line 2 has no cutting move"),
         ("G1 X10 F9 ,R2\nX0\n", ":3: the path turns back"),
         ("G1 X10 F9 ,R2\n", ":2: the rounded or cut corner of line 2 has no cutting move after it"),
     ],
