@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from compplan.errors import InputError
@@ -139,35 +139,33 @@ class HeidenhainCycles:
     def call(self, place: Point | None = None) -> None:
         """Drill at the position of the tool, or at another one, whose height is added to the surface Q203."""
         if place is not None:
-            above = self._renew().values.get("Q203", 0.0) if self.cycle else 0.0
-            self._drill_over(place, {"Q203": above + place[self.words.tool_axis]}, "CYCL CALL at positions")
+            above = self.words.values.get("Q203", 0.0) + place[self.words.tool_axis]
+            self._drill_over(place, {"Q203": above}, "CYCL CALL at positions")
             return
         self.it.contour.refuse_open()
         if self.cycle is None:
             raise InputError("a cycle is called, and none that is read is defined")
-        self._drill(self._renew())
+        self._drill(self.cycle)
 
-    def _renew(self) -> Cycle:
-        """Return the cycle with the present values of its parameters, which the program may change after it."""
-        assert self.cycle is not None
-        old = self.cycle.number in OLD
-        return self.cycle if old else Cycle(self.cycle.number, {name: self.value(name) for name in self.cycle.values})
-
-    def _drill_over(self, place: Point, changes: Mapping[str, float], what: str) -> None:
+    def _drill_over(self, place: Point, changes: dict[str, float], what: str) -> None:
         """Move rapidly above a position at the current height, and drill there with modified values of the cycle."""
         if self.cycle is None or self.cycle.number in OLD:
             raise InputError(f"{what} needs a cycle from 200 before it")
         height = self.it.course.position[self.words.tool_axis]
         self.it.course.rapid(set_levels(place, {self.words.tool_axis: height}), PLANE_AXES[self.it.state.plane])
-        self._drill(Cycle(self.cycle.number, {**self._renew().values, **changes}))
+        self._drill(self.cycle, changes)
 
-    def _drill(self, cycle: Cycle) -> None:
+    def _drill(self, cycle: Cycle, changes: dict[str, float] | None = None) -> None:
         """Execute a cycle at the position of the tool.
 
         It drills from the set-up clearance Q200 above the surface Q203 to the depth Q201 and retracts to Q204 above the
-        surface. Cycles 1, 2 and 17 drill from the current level by set-up clearance plus depth, and retract to it.
+        surface, with the present values of its parameters. Cycles 1, 2 and 17 drill from the current level by set-up
+        clearance plus depth, and retract to it.
         """
-        course, axis, values, old = self.it.course, self.words.tool_axis, cycle.values, cycle.number in OLD
+        course, axis, old = self.it.course, self.words.tool_axis, cycle.number in OLD
+        if not old:
+            cycle = Cycle(cycle.number, {name: self.value(name) for name in cycle.values} | (changes or {}))
+        values = cycle.values
         if pitch := PITCHES.get(cycle.number):
             feed = abs(cycle.get(pitch)) * self.words.unit * self.it.state.spindle / 60.0
         else:
