@@ -237,7 +237,7 @@ class Rs274:
         """Execute the motion of a block, translated to the words that all dialects share."""
         it, state, values = self.it, self.it.state, block.values
         if other := next((letter for letter in "UVW" if letter in values), ""):
-            raise InputError(f"axis {other}{values[other]:g} moves the tool or the part and is not read")
+            raise InputError(f"axis {other}{values[other]:g} moves the tool or the part and is not read; leave it out")
         if state.polar and ("X" in values or "Y" in values):
             if (state.incremental and "X" in values) or state.plane != 17:
                 raise InputError("polar coordinates (G16) are not read outside of the plane G17, nor a radius in G91")

@@ -208,7 +208,7 @@ class Klartext:
     def check_corner(self, rest: str) -> None:
         """RND, CHF: refuse a corner without a cutting move before it; `_corner_after` reads all others."""
         if self.it.contour.held is None:
-            raise InputError("RND or CHF does not stand between two cutting moves")
+            raise InputError("RND or CHF does not stand between two cutting moves; leave it out")
 
     def begin(self, rest: str) -> None:
         """BEGIN PGM: set the unit."""

@@ -248,7 +248,7 @@ class _RapidReader:
         text = self.data["WOBJDATA", wobj]
         numbers, (held, fixed) = read_numbers(text, OBJECT), re.findall("FALSE|TRUE", text)
         if held == "TRUE":
-            raise InputError(f"work object {wobj} is held by the robot, which is not read")
+            raise InputError(f"work object {wobj} is held by the robot, which is not read; write the tool's path")
         if fixed == "FALSE":
             self.note(f"work object {wobj} moves with another unit: the path is taken in it as it is written")
             return None

@@ -49,7 +49,7 @@ def test_exponents_are_read_or_refused_and_never_dropped(read) -> None:
         ("(a (b) X5", "cannot read"),
         ("G123 X5", "G123 with coordinates is not read"),
         ("G70 I5 J0 L4", "lathe cycle or bolt circle"),
-        ("G10 L2 P0 X5", "moves the work offset in force, and what it was is not known"),
+        ("G10 L2 P0 X5", "moves the work offset in force, which is not known"),
         ("L100 P3", "subprogram call L100 is not read"),
         ("G1 X5 ,A45", "cannot read ',A45'"),
     ],

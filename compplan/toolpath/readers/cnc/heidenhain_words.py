@@ -137,7 +137,7 @@ class KlartextWords:
         if name in self.values and not indices:
             return self.values[name]
         why = self.it.unknown.get(name, "the program gives it none")
-        raise ValueError(f"parameter {name} has no value that is known: {why}")
+        raise ValueError(f"parameter {name} has no value that is known: {why}; set it before")
 
     def forget(self, name: str, why: str) -> None:
         """Mark the value of a parameter as unknown, with the reason."""

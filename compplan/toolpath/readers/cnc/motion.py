@@ -296,7 +296,7 @@ class MotionReader:
             centre = set_levels(start, {axis: state.pole[axis] for axis in PLANE_AXES[plane]})
         else:
             names = " ".join("IJK"[axis] for axis in sorted(PLANE_AXES[plane]))
-            raise InputError(f"arc has neither a centre ({names}) nor a radius (R)")
+            raise InputError(f"arc has neither a centre ({names}) nor a radius (R); give it one")
         turns = values.get("TURN", 0.0)
         if not 0.0 <= turns < MOST_TURNS or turns != int(turns):
             raise InputError(f"arc of {turns:g} further turns, expected a whole number less than {MOST_TURNS}")

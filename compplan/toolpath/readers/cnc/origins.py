@@ -114,7 +114,7 @@ class Origins:
         """Execute G10 L2, which sets a work offset; note other forms of G10."""
         values, kind = block.values, block.values.get("L", 0.0)
         if kind == 20.0 or (kind == 2.0 and (self.state.incremental or values.get("R", 0.0) != 0.0)):
-            raise InputError("G10 that turns a work offset, or counts from where the tool is, is not read")
+            raise InputError("G10 that turns a work offset, or counts from the tool, is not read; state G10 L2")
         if kind != 2.0:
             self.it.note("G10 offsets are not read")
             return
@@ -126,7 +126,7 @@ class Origins:
         self.origins[code] = {**before, **stated}
         if code == self.active and (self.course.begun or list(self.course.unknown.values()).count(False) < 3):
             if stated.keys() - before.keys():
-                raise InputError("G10 L2 moves the work offset in force, and what it was is not known")
+                raise InputError("G10 L2 moves the work offset in force, which is not known; set it before")
             moved = {axis: self.base[axis] + (level - before[axis]) for axis, level in stated.items()}
             self.base = set_levels(self.base, moved)
             self.it.set_frames(origin=Frame(origin=self.zero))
