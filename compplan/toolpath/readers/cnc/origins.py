@@ -114,7 +114,7 @@ class Origins:
         """Execute G10 L2, which sets a work offset; note other forms of G10."""
         values, kind = block.values, block.values.get("L", 0.0)
         if kind == 20.0 or (kind == 2.0 and (self.state.incremental or values.get("R", 0.0) != 0.0)):
-            raise InputError("G10 that turns a work offset, or counts from where the tool is, is not read")
+            raise InputError("G10 that turns a work offset, or counts from the tool, is not read; state G10 L2")
         if kind != 2.0:
             self.it.note("G10 offsets are not read")
             return
@@ -126,7 +126,7 @@ class Origins:
         self.origins[code] = {**before, **stated}
         if code == self.active and (self.course.begun or list(self.course.unknown.values()).count(False) < 3):
             if stated.keys() - before.keys():
-                raise InputError("G10 L2 moves the work offset in force, and what it was is not known")
+                raise InputError("G10 L2 moves the work offset in force, which is not known; set it before")
             moved = {axis: self.base[axis] + (level - before[axis]) for axis, level in stated.items()}
             self.base = set_levels(self.base, moved)
             self.it.set_frames(origin=Frame(origin=self.zero))
@@ -190,24 +190,6 @@ class Origins:
                 "the work offset is not known; end the cuts before it, or let a move to X Y Z come before G92"
             ))  # fmt: skip
         self.it.set_frames(origin=Frame(origin=self.zero))
-
-    def move_in_machine(self, block: CncBlock) -> None:
-        """Execute a move in machine coordinates (G53) if the active work offset is known; otherwise leave it out."""
-        course, origin, named = self.course, self.origins.get(self.active, {}), block.list_axes()
-        if any(axis not in origin for axis in named) or not course.frame.plain or block.has(frozenset(LETTERS)):
-            self.it.leave_out_machine_move(block, "G53")
-            return
-        cuts = self.state.motion == 1.0
-        if cuts:
-            course.begin_cut()
-        places = self.state.lengths(block).items()
-        levels = {axis: place - origin[axis] - self.origin[axis] - self.shifted[axis] for axis, place in places}
-        target = set_levels(course.position, levels)
-        self.it.contour.refuse_open()
-        if cuts and named:
-            course.line(target, self.it.motion.feed(math.dist(target, course.position)))
-        elif named:
-            course.rapid(target, named)
 
     def _find_centre(self, block: CncBlock, axes: Sequence[int] = (0, 1, 2)) -> Point:
         """Return the centre of a rotation or scaling: coordinates of the block, by default those of the tool."""
