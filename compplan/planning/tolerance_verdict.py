@@ -201,8 +201,6 @@ def list_left_out(robot: Robot, error_band: ErrorBand | None, *, inertia_known: 
         left_out.append("path errors of the controller (no trace of it)")
     if not inertia_known:
         left_out.append("inertia and vibration of the arm (no masses, or no springs)")
-    if error_band is None or not error_band.parts["placement"].any():
-        left_out.append("place of the part ([noise] part_frame_mm states none)")
     return (*left_out, "ringing after rapid moves", "bending of the cutter", "chatter", "warming up")
 
 
