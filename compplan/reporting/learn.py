@@ -15,6 +15,7 @@ from compplan.io.quantities import format_length, format_mm, format_mm_change, f
 from compplan.io.tables import write_json, write_table, write_text
 from compplan.io.transaction import list_files, replace_folder
 from compplan.learning.part import LearnedPart
+from compplan.learning.path_state import state_file, write_state
 from compplan.learning.representable import residual_file
 from compplan.process.learned_force import FILE as PROCESS
 from compplan.process.learned_force import write_learned_force
@@ -55,7 +56,7 @@ def _write_updated(update: LearnedPart, folder: Path) -> None:
     deliver_robot_folder(update.updated, folder, update.robot)
     source = update.robot.folder
     if source is not None:
-        for file in (*source.glob("learned_*.csv"), *source.glob("registration.toml")):
+        for file in (*source.glob("learned_*"), *source.glob("registration.toml")):
             shutil.copyfile(file, folder / file.name)
     if update.force is not None:
         write_learned_force(update.force, update.job.process, folder, source)
@@ -65,10 +66,11 @@ def _write_updated(update: LearnedPart, folder: Path) -> None:
     if update.model_update.taken and residual is not None:
         columns: dict[str, object] = {"s_mm": residual.length * 1e3}
         columns |= {f"d{axis}_mm": residual.deviation[:, k] * 1e3 for k, axis in enumerate("xyz")}
-        columns["sigma_mm"] = residual.spread * 1e3
         columns |= update.robot.joint_columns(residual.q)
         file_name = f"learned_{update.job.file.stem}.csv" if name is None else name.name
         write_table(folder / file_name, columns, decimals=10)
+    if update.state is not None:
+        write_state(update.state, folder / state_file(update.job))
 
 
 def summarise_update(update: LearnedPart) -> dict[str, Any]:
