@@ -1,4 +1,4 @@
-"""What a measured part tells of its own path: the joint posterior of robot parameters, force and deviation.
+"""Joint posterior of robot parameters, force and deviation along the path of a measured part.
 
 The files of a robot folder hold what is known on any path: parameters that transfer, level of the force, and a turn
 only of a force with a direction fixed in base or part. For the path of the part the posterior is narrower and joint.
