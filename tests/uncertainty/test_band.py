@@ -28,7 +28,7 @@ from compplan.robot.uncertainty import Uncertainty, Unknown
 from compplan.simulation.vibration import MODES, build_dynamics, find_modes, modal_response
 from compplan.statics.inertia import build_moving_chain, load_motion
 from compplan.studies.study import prepare_study
-from compplan.uncertainty.assumed import free_base
+from compplan.uncertainty.assumed import restore_prior
 from compplan.uncertainty.band import estimate_band, linearise_path
 from compplan.uncertainty.motion import Motion
 from compplan.uncertainty.sensitivities import ForceSpread, build_path_model, measure_slopes
@@ -109,18 +109,19 @@ def test_band_before_equals_the_band_of_a_plan_that_corrects_nothing(tmp_path: P
     assert band.whole > band.greatest
 
 
-def test_what_a_fitted_base_frame_hides_keeps_its_width_from_before_the_log() -> None:
+def test_what_a_log_does_not_determine_keeps_its_width_from_before_the_log() -> None:
     """Zero of .01 deg, lengths of .1 mm of joint_1 as delivered; what the log told of joint_2 stays."""
     robot = load_robot("kuka_kr270")
     unknowns = tuple(
-        Unknown(*place, (key,), np.array([1e-6]))
-        for *place, key in (
-            ("joint_offset", "joint_1", None, "offset_rad"), ("link_geometry", "joint_1", "tx", "tx_m"),
-            ("joint_offset", "joint_2", None, "offset_rad"),
+        Unknown(*place, (key,), np.array([size]))
+        for *place, key, size in (
+            ("joint_offset", "joint_1", None, "offset_rad", 1e-6), ("link_geometry", "joint_1", "tx", "tx_m", 1e-6),
+            ("joint_offset", "joint_2", None, "offset_rad", 1e-6),
+            ("joint_stiffness", "joint_6", None, "compliance_change_rad_per_Nm", 1e-9),
         )
     )  # fmt: skip
-    factor = np.array([[1.0, 0.0, 0.0], [0.6, 0.8, 0.0], [0.0, 0.6, 0.8]])
-    known = free_base(robot, Uncertainty("measured", "test", unknowns, factor, calibration=2.0))
+    factor = np.array([[1.0, 0.0, 0.0, 0.0], [0.6, 0.8, 0.0, 0.0], [0.0, 0.6, 0.8, 0.0], [0.0, 0.0, 0.0, 1.0]])
+    known = restore_prior(robot, Uncertainty("measured", "test", unknowns, factor, calibration=2.0), free_base=True)
     width = dict(zip(known.names, known.width, strict=True))
     assert width["joint_offset joint_1"] == pytest.approx(np.radians(0.01))
     assert [width[f"link_geometry joint_1 t{axis}"] for axis in "xyz"] == pytest.approx([1e-4] * 3)
@@ -128,7 +129,12 @@ def test_what_a_fitted_base_frame_hides_keeps_its_width_from_before_the_log() ->
     assert "zero and place of joint_1 assumed" in known.source
     first = known.names.index("joint_offset joint_1")
     assert np.delete(known.covariance[first], first) == pytest.approx(0.0)
-    again = free_base(replace(robot, uncertainty=known), known)  # a second log finds it as the first left it
+    # no load on any joint but the sixth: their compliances are as unknown as before, 20 % of the folder's
+    assert "compliance of joint_1, joint_2, joint_3, joint_4, joint_5 assumed" in known.source
+    springs = {spring.joint: spring.compliance for spring in robot.springs}
+    assert [width[f"joint_stiffness joint_{k}"] / springs[f"joint_{k}"] for k in (1, 5)] == pytest.approx([0.2, 0.2])
+    assert width["joint_stiffness joint_6"] == pytest.approx(2e-9)
+    again = restore_prior(replace(robot, uncertainty=known), known, free_base=True)  # a second log leaves it as it is
     assert dict(zip(again.names, again.width, strict=True)) == pytest.approx(width)
 
 
