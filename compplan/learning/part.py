@@ -45,7 +45,18 @@ from compplan.statics.ik import build_arm, solve_posture_near
 from compplan.toolpath.contact import turn_about_axis
 from compplan.toolpath.toolpath import Toolpath, interpolate
 from compplan.uncertainty.assumed import robot_uncertainty
-from compplan.uncertainty.band import PATHS, SEED, Slopes, draw_columns, linearise_path, widen_to_path
+from compplan.uncertainty.band import (
+    LEARNED,
+    OTHER_CAUSES,
+    PARTS,
+    PATHS,
+    SEED,
+    UNDETERMINED,
+    Slopes,
+    draw_columns,
+    linearise_path,
+    widen_to_path,
+)
 from compplan.uncertainty.sensitivities import (
     ForceSpread,
     apply_wrench_to_model,
@@ -98,6 +109,12 @@ class LearnedPart(Shown):
         length = np.interp(task.origin, np.arange(len(self.path)), self.path.arc_length)
         return np.asarray(task.position + (0.0 if self.residual is None else self.residual.at(length)))
 
+    @property
+    def widest_band(self) -> float:
+        """Return the 95 % band of the next part at the worst point of the path, as its plan states it. [m]"""
+        band = self.after.learned
+        return float(self.model_update.band_after.max()) if band is None else band.greatest
+
     def summary(self) -> list[tuple[str, str]]:
         """Return pairs of name and text: results of the model update, and the deviation predicted for the next part."""
         model_update, name = self.model_update, self.job.name or self.job.file.stem
@@ -109,7 +126,7 @@ class LearnedPart(Shown):
             rows += [
                 ("expected next", f"rms {format_length(model_update.expected)} in all directions, with a force that"
                                   " varies from part to part"),
-                ("95 % band", f"{format_length(float(model_update.band_after.max()))} at its widest, before "
+                ("95 % band", f"{format_length(self.widest_band)} at its widest, before "
                               f"{format_length(float(model_update.band_before.max()))}"),
             ]  # fmt: skip
         taken = "corrected program" if model_update.taken else "no correction"
@@ -355,21 +372,28 @@ def keep_state(
 
 
 def with_band(plan: Plan, model_update: ModelUpdate, slopes: Slopes, known: Uncertainty) -> Plan:
-    """Add the band of the update to a plan: the band of this path is narrower than that of the robot elsewhere."""
+    """Add the band of the update to a plan: the band of this path is narrower than that of the robot elsewhere.
+
+    What repeats from part to part, such as inertia, is in the measured part, hence in the posterior.
+    """
     error_band = plan.error_band
     if error_band is None:
         return plan
-    n = len(plan.task)
+    n, own = len(plan.task), model_update.model.own.following
     rows = slopes.rows * (n - 1) / max(len(error_band.cut) - 1, 1)
-    radius = np.interp(np.arange(n), rows, model_update.band_after)
-    own = model_update.model.own.following
-    force = band_radius(own[:, :, :1] @ np.swapaxes(own[:, :, :1], 1, 2))
-    parts = {**error_band.parts, "model": radius, "unexplained": np.zeros(n)}
-    parts["force"] = np.interp(np.arange(n), rows, force)
-    better = replace(error_band, radius=radius + plan.after.distance, parts=parts, known=known, before=None,
-                     ladder=(), cheapest=())  # fmt: skip
+    tip = model_update.tip if model_update.taken else prior_of(model_update.model)
+    pushed, placed = (part @ np.swapaxes(part, 1, 2) for part in (own[:, :, :1], own[:, :, 1:]))
+    spread = {"model": take_blocks(tip, len(own)), "force": pushed, "placement": placed}
+    radii = {name: np.interp(np.arange(n), rows, band_radius(part)) for name, part in spread.items()}
+    parts = {name: radii.get(name, np.zeros(n)) for name in PARTS}
+    parts["repeatability"] = error_band.parts["repeatability"]
+    radius = np.interp(np.arange(n), rows, model_update.band_after) + plan.after.distance
+    known = replace(known, grade="measured", source=f"{known.source}; {LEARNED}")
+    better = replace(error_band, radius=radius, parts=parts, known=known, before=None, ladder=(), cheapest=())
+    names = {**OTHER_CAUSES, "model": UNDETERMINED}
+    better = replace(better, causes={names[name]: float(part[better.widest]) for name, part in parts.items()})
     run = np.broadcast_to((known.repeatability or 0.0) * np.eye(3), (len(own), 3, 3))
-    value, vector = np.linalg.eigh(model_update.tip if model_update.taken else prior_of(model_update.model))
+    value, vector = np.linalg.eigh(tip)
     repeats = (vector * np.sqrt(np.maximum(value, 0.0))).reshape(len(own), 3, -1)
     normal = np.random.default_rng(SEED).standard_normal((3 * len(own), PATHS))
     drawn = draw_columns(np.concatenate([repeats, own, run], axis=2), normal)

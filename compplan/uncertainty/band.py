@@ -71,6 +71,8 @@ OTHER_CAUSES = {
     "unexplained": "what no parameter of the robot explains", "repeatability": "repeatability",
     "force": "process force", "motion": "inertia and vibration", "placement": "place of the part",
 }  # fmt: skip
+#: Source and largest part of the band on a path of which parts were measured.
+LEARNED, UNDETERMINED = "learned from measured parts of this path", "what the measured parts do not determine"
 #: Number of rows added at the greatest errors due to motion.
 MOVED = 60
 #: Least eigenvalue, relative to the greatest, of the components of smooth errors.

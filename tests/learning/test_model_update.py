@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -262,8 +263,17 @@ def test_a_second_part_starts_from_the_band_that_the_first_one_left(
     wanted = 1e3 * load_nominal(job).position
     columns = {f"{axis}_mm": wanted[:, k] + lifted * (axis == "z") for k, axis in enumerate("xyz")}
     learned = learn_from_part(job, "kuka_kr270", columns, in_base=True, align="datum")
-    write_learning(learned, tmp_path / "out")
+    summary = write_learning(learned, tmp_path / "out")
     first, folder = learned.model_update, tmp_path / "out" / "robot"
+    plan = json.loads((tmp_path / "out" / "plan.json").read_text(encoding="utf-8"))
+    band, shares = plan["error_band_mm"], plan["error_band_mm"]["at_widest"]
+    assert summary["band_after_mm"]["p95_max"] == pytest.approx(band["p95_max"])
+    assert max(shares.values()) <= band["p95_max"] <= 1.05 * np.linalg.norm([*shares.values()])
+    assert plan["verdict"]["basis"] == "robot and force learned from measured parts of this path"
+    if learned.force is not None:  # [noise] wrench_level no longer counts
+        assert plan["verdict"]["change"] == "Measure the next part, too: compplan learn JOB MEASURED."
+    page = (tmp_path / "out" / "plan.html").read_text(encoding="utf-8")
+    assert "learned_circle" not in page[page.index("SHA-256, first 16 digits") :].split("</table>")[0]
     columns |= {f"{axis}_mm": wanted[:, k] for k, axis in enumerate("xyz")}
     second = learn_from_part(job, folder, columns, in_base=True, align="datum").model_update
     assert first.band_after.max() < 0.8 * first.band_before.max()
