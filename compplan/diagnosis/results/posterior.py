@@ -31,7 +31,7 @@ from compplan.effects.signature import Effect
 from compplan.measurement.distance import calibrate_band
 from compplan.robot import Array, Robot
 from compplan.robot.uncertainty import Uncertainty, Unknown, split_unknowns, spread_unknowns
-from compplan.uncertainty.assumed import free_base, robot_uncertainty
+from compplan.uncertainty.assumed import restore_prior, robot_uncertainty
 from compplan.uncertainty.posture_errors import derive_unknowns
 
 Mask = NDArray[np.bool_]
@@ -107,7 +107,7 @@ def _add_unexplained(folds: Folds, known: Uncertainty, model: Array, held: HeldO
     )  # fmt: skip
     frames = fit.state.registration
     unknown_base = frames is not None and ("base" in frames.parts or fit.problem.campaign.free_base)
-    return free_base(fit.problem.robot, stated) if unknown_base else stated
+    return restore_prior(fit.problem.robot, stated, free_base=unknown_base)
 
 
 def set_calibrated_sizes(fit: Fit, posterior: Posterior, verdict: Verdict, scale: float) -> tuple[Verdict, Uncertainty]:
