@@ -84,7 +84,7 @@ def _read_source(source: Any) -> tuple[dict[str, Any], Path, Toolpath | None, Ro
         return _path_job(file.stem, str(file), force), file.with_suffix(".toml"), None, None, True
     toolpath = read_toolpath(source)
     if toolpath.frame != "part":
-        raise InputError(f"the toolpath stands in the {toolpath.frame} frame, expected the part frame")
+        raise InputError(f"the toolpath is in the {toolpath.frame} frame, expected the part frame")
     name = Path(toolpath.source).stem or IN_MEMORY
     name = IN_MEMORY if name.startswith("<") else name
     force = NO_FORCE if toolpath.wrench is None else {"model": "columns"}

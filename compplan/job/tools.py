@@ -76,7 +76,7 @@ def check_tools(entries: Sequence[Any], file: str | Path) -> tuple[NumberedTool,
         tool = check_table(NumberedTool, entry, file=file, key=f"tool[{k}]")
         if (tool.number, tool.name) in [(other.number, other.name) for other in tools]:
             call = repr(tool.name) if tool.name else f"T{tool.number}"
-            raise InputError(f"describes {call} again", file=file, where=f"tool[{k}]")
+            raise InputError(f"describes {call} again; keep one section", file=file, where=f"tool[{k}]")
         tools.append(tool)
     return tuple(tools)
 

@@ -266,7 +266,7 @@ class Rs274:
         """Leave out Z of a block that cancels tool length compensation (H0, G49): it is not a tip position."""
         course, state = self.it.course, self.it.state
         if state.motion != 0.0:
-            raise InputError("a cut to Z with the tool's length cancelled (H0, G49): the tip's place is not known")
+            raise InputError("a cut to Z without tool length compensation (H0, G49); call G43 H before it")
         self.it.note("Z of a block that cancels the tool's length (H0, G49) is left out: it is not a place in the part")
         course.retreat()
         course.mark_unknown([2])
