@@ -110,8 +110,7 @@ def run_init(words: tuple[str, ...], **options: Any) -> None:
     else:
         from compplan.measurement.reading import write_log_text
 
-        file = _refuse_existing(out or Path("measurements.csv"))
-        write_text(file, write_log_text(load_robot(robot_name)))
+        file = _write_new(out or Path("measurements.csv"), write_log_text(load_robot(robot_name)))
         lines = [f"wrote {file}; next, when it is filled in: compplan doctor {file} --robot {robot_name}"]
     show({}, False, lines)
 
