@@ -65,8 +65,8 @@ FORMS = {
 def run_init(words: tuple[str, ...], **options: Any) -> None:
     """Write a job FILE (default job.toml) in which every key is explained; a shop profile; a robot folder; a log.
 
-    With a robot, the part is put where the arm reaches its path, the tool leaves the flange straight, and the forces
-    of the example path are such as the arm bears: all assumed.
+    With --robot the job has a place of the part within reach, a straight tool and forces that the arm can hold, all
+    assumed.
 
     Example: compplan init part.toml --robot ur10 --toolpath part.nc
 
