@@ -38,7 +38,7 @@ def run_montecarlo(
     job: Job, folder: Path, workers: int | None, scheduler: str | None, strategies: str | None, waypoints: int,
     no_sensitivity: bool, discard: bool, **design: Any,
 ) -> CommandResult:  # fmt: skip
-    """Simulate strategies on JOB with drawn errors of robot, force and part: write montecarlo.json, report.html, samples.
+    """Simulate strategies on JOB with drawn errors of robot, force and part: write montecarlo.json, report.html.
 
     Samples are kept in OUT/samples: run an interrupted study again to continue it.
 
