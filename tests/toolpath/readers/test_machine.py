@@ -337,7 +337,7 @@ def test_macros_loops_jumps_and_subprograms_of_the_file_are_carried_out(read) ->
         ("GOTO 77", ":3: a jump to N77, which is not in this program"),
         ("WHILE [1 EQ 2] DO 1\nG1 X1 F9", "a jump to END1, which"),
         ("#1=1/0", ":3: expression .* has no value"), ("#1=SQRT[-1]", "has no value"), ("#1=[1", "expected '\\]'"),
-        ("G1 X" + "[" * 100 + "1" + "]" * 100, "more than 50 brackets"),
+        ("G1 X" + "[" * 100 + "1" + "]" * 100, "more than 50 nested brackets"),
         ("IF [1 EQ 1] THAT", "expected IF \\[..\\] GOTO or THEN"), ("#1=5 AND 3", "of conditions only"),
     ],
 )  # fmt: skip
