@@ -19,7 +19,7 @@ from compplan.toolpath.toolpath import Toolpath
 #: A section of a job: its keys, or a TOML file with them (alone, or within a job).
 Table = Mapping[str, Any] | str | Path
 #: Sections of a job that API functions accept as keywords: all except `NO_TABLES`.
-NO_TABLES = ("schema_", "name", "robot", "toolpath")
+NO_TABLES = ("schema_", "name", "profile", "robot", "toolpath")
 TABLES = tuple(field.alias or name for name, field in Job.model_fields.items() if name not in NO_TABLES)
 #: Name of a path in memory, in its job.
 IN_MEMORY = "path in memory"
