@@ -132,8 +132,8 @@ class _AptReader:
         elif major in ("MSYS", "CSYS", "ORIGIN"):
             self.frames.add(tuple(find_numbers(minor)))
             if len(self.frames) > 1 and major == "MSYS":
-                raise InputError("MSYS changes on the way: points of several machine coordinate systems are not "
-                                 "joined; write one file a system, or all points in one")  # fmt: skip
+                raise InputError("MSYS changes within the file: points of several machine coordinate systems are "
+                                 "not joined; write one file per system, or all points in one")  # fmt: skip
             if len(self.frames) > 1:
                 self.note(f"{major} changes on the way: all coordinates are taken in one frame")
         elif major in ("TRANS", "ROTABL", "ROTATE", "ROTHED"):

@@ -193,7 +193,7 @@ def build_arc(start: Point, via: Point, end: Point, angle: float | None = None) 
         raise InputError(f"circle through a point as far off as {farthest:g} mm, expected less than {FARTHEST:g} mm")
     arc = arc_through(start, via, end)
     if arc is None:
-        raise InputError("start, middle and end of a circle lie on a line")
+        raise InputError("start, middle and end of a circle lie on a line; correct a point, or write a straight move")
     if arc.radius > LARGEST_RADIUS:
         raise InputError(f"arc of radius {arc.radius:g} mm, at most {LARGEST_RADIUS:g} mm is read")
     if angle is None:

@@ -295,7 +295,7 @@ class Klartext:
             else:
                 if kind[0] == "L":
                     if "R" in block.values or any(word.startswith("DR") for word in (*block.values, *block.names)):
-                        raise InputError("words of an arc in a straight block")
+                        raise InputError("words of an arc in a straight block; remove them")
                     state.motion = 0.0 if rapid else 1.0
                     if kind == "LN":
                         self._read_vector(block)
@@ -359,7 +359,7 @@ class Klartext:
         words = rest.removeprefix("CALL").strip()
         pattern = words.startswith("PAT")
         if pattern and not self.points:
-            raise InputError("CYCL CALL PAT, and no pattern that is read is defined")
+            raise InputError("CYCL CALL PAT before a supported pattern is defined")
         block = self.words.read(words.removeprefix("PAT").removeprefix("POS"))
         with self.words.functions(block) as codes:
             self.words.set_modes(block)

@@ -191,7 +191,7 @@ class _KrlReader:
             if depth == 0:
                 return index
             if statement == "EXIT" or (index > first and re.match(rf"{counter}\s*=(?!=)", statement)):
-                raise InputError(f"the loop ends where {statement[:24]!r} says; write its moves out in a row")
+                raise InputError(f"the loop ends at {statement[:24]!r}, which is not read; write it without a loop")
         raise InputError("FOR has no ENDFOR")
 
     def _call(self, found: Match) -> None:

@@ -228,7 +228,7 @@ class Sinumerik:
                 head = next((text for text in heads if re.match(r"PROC\s+\w+\s*\(", text)), "()")
                 texts = lexer.read_brackets(head, head.index("("))[0]
                 if len(values) > len(texts):
-                    raise InputError(f"{called} is called with {len(values)} values that it does not take (PROC)")
+                    raise InputError(f"{called} is called with {len(values)} values, its PROC line takes {len(texts)}")
                 for text, value in zip_longest(texts, values):
                     head, _, default = text.partition("=")
                     name = head.split()[-1]

@@ -211,7 +211,7 @@ def test_a_tilted_plane_turns_path_and_tool(read) -> None:
     arc = (path[4:-4] - start) @ turned
     assert np.hypot(arc[:, 0] - 9, arc[:, 1]) == pytest.approx(2) and arc[:, 2] == pytest.approx(0, abs=1e-9)
     assert rows(cam)[-1][:3] == (5, 0, 100) and cam.toolpath.axis[-1].tolist() == [0, 0, 1]
-    with pytest.raises(InputError, match=r"a cut in a tilted plane .* that the tool is not turned to"):
+    with pytest.raises(InputError, match=r"a cut in a tilted plane .* before the tool is oriented to it"):
         read("G21 G90\nG0 X0 Y0 Z9\nG68.2 X0 Y0 Z0 I0 J30 K0\nG0 X0 Y0 Z5\nG1 Z0 F9\n", ".nc")
 
 
@@ -346,7 +346,7 @@ def test_macros_loops_jumps_and_subprograms_of_the_file_are_carried_out(read) ->
         ("GOTO 77", ":3: a jump to N77, which is not in this program"),
         ("WHILE [1 EQ 2] DO 1\nG1 X1 F9", "a jump to END1, which"),
         ("#1=1/0", ":3: expression .* has no value"), ("#1=SQRT[-1]", "has no value"), ("#1=[1", "expected '\\]'"),
-        ("G1 X" + "[" * 100 + "1" + "]" * 100, "more than 50 brackets"),
+        ("G1 X" + "[" * 100 + "1" + "]" * 100, "more than 50 nested brackets"),
         ("IF [1 EQ 1] THAT", "expected IF \\[..\\] GOTO or THEN"), ("#1=5 AND 3", "of conditions only"),
     ],
 )  # fmt: skip

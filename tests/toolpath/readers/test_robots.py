@@ -130,8 +130,8 @@ def test_krl_bases_that_change_are_followed_where_they_are_known(krl) -> None:
     ("line", "sentence"),
     [
         ("LIN_REL {X 5}", "LIN_REL"), ("FOR I=1 TO N\nLIN {X 5}\nENDFOR", "stands in a loop or a branch"),
-        ("FOR I=1 TO 3\nEXIT\nENDFOR", "the loop ends where 'EXIT' says"),
-        ("FOR I=1 TO 3\nI=2\nENDFOR", "the loop ends where 'I=2' says"),
+        ("FOR I=1 TO 3\nEXIT\nENDFOR", "the loop ends at 'EXIT'"),
+        ("FOR I=1 TO 3\nI=2\nENDFOR", "the loop ends at 'I=2'"),
         ("FOR I=1 TO 3\nLIN {X 5}", "FOR has no ENDFOR"), ("FOR I=1 TO 3 STEP 0\nENDFOR", "never ends"),
         ("LIN PT[I]", r"position 'PT\[I\]' is not known"), ("LIN {X 5+A}", "position 'X 5"),
         ("LIN {X 1O}", "position 'X 1O'"),

@@ -144,7 +144,7 @@ class HeidenhainCycles:
             return
         self.it.contour.refuse_open()
         if self.cycle is None:
-            raise InputError("a cycle is called, and none that is read is defined")
+            raise InputError("a cycle is called before a supported cycle is defined")
         self._drill(self.cycle)
 
     def _drill_over(self, place: Point, changes: dict[str, float], what: str) -> None:
@@ -205,7 +205,7 @@ class HeidenhainCycles:
         """Execute cycles 220 (holes on a circle) and 221 (holes in rows) with the drilling cycle defined before."""
         get, n, course, axis = pattern.get, pattern.values, self.it.course, self.words.tool_axis
         if n.get("Q365", 0.0) != 0.0:
-            raise InputError("cycle 220 with arcs between its holes (Q365=1) is not read")
+            raise InputError("cycle 220 with arcs between its holes (Q365=1) is not read; set Q365=0")
         kept: dict[str, float] = {name: n[name] for name in ("Q200", "Q203", "Q204") if name in n}
         if n.get("Q301", 1.0) == 0.0:
             kept["Q204"] = 0.0
@@ -249,7 +249,7 @@ class HeidenhainCycles:
     def _refuse_within(self, what: str, *names: str) -> None:
         """Refuse a frame that is stated inside other active frames."""
         if found := [name for name in names if name in self.it.frames]:
-            raise InputError(f"{what} after a {found[0]} is not read; state it before, or take the {found[0]} back")
+            raise InputError(f"{what} after a {found[0]} is not read; state it before, or cancel the {found[0]} first")
 
     def _name_preset(self, rest: str) -> None:
         """Execute cycle 247: the first datum is that of the path."""

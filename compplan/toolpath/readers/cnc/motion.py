@@ -247,7 +247,7 @@ class MotionReader:
         if self.contour.held is not None:
             return self.contour.held[0].tangent(self.contour.held[0].end)
         if self.course.last_direction is None or self.contour.approach is not None:
-            raise InputError(f"nothing is cut right before this block that it could go on from smoothly{word}")
+            raise InputError(f"this block continues a contour tangentially, but no cutting move is before it{word}")
         return normalise(combine(1.0, self.course.last_direction[1], -1.0, self.course.last_direction[0]))
 
     def _go_round(self, block: CncBlock, target: Point, corner: Corner | None) -> None:
@@ -258,7 +258,7 @@ class MotionReader:
         normal = orient(PLANE_NORMALS[plane], right_hand=state.motion == 3.0)
         if state.motion == "CIP":
             if block.values.keys().isdisjoint(MIDDLES):
-                raise InputError("CIP has no point on its way, expected I1= J1= K1=")
+                raise InputError("CIP has no intermediate point, expected I1= J1= K1=")
             arc = build_arc(start, state.place(block, start, MIDDLES)[0], target)
             centre, normal = arc.centre, arc.normal
         elif state.motion == "CT":

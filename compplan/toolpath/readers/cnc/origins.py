@@ -247,7 +247,7 @@ class Origins:
     def turn_to_plane(self, code: float, *, stays: bool) -> None:
         """Execute G53.1 and G53.6: orient the tool normal to the tilted plane; `stays`: its tip does not move."""
         if not self.it.tilted:
-            raise InputError(f"G{code:g} without a tilted plane (G68.2) has nothing to turn to")
+            raise InputError(f"G{code:g} without a tilted plane; define one by G68.2 before it")
         self.turned_to_plane = True
         if not stays:
             self.it.course.mark_unknown()
@@ -257,7 +257,7 @@ class Origins:
         """Refuse a cut in a tilted plane to which the tool is not oriented."""
         turned = self.turned_to_plane or math.dist(self.it.plane.turn(UP), self.it.log.axis) <= 1e-9
         if self.it.tilted and not turned:
-            raise InputError("a cut in a tilted plane (G68.2) that the tool is not turned to (G53.1, or A B C)")
+            raise InputError("a cut in a tilted plane (G68.2) before the tool is oriented to it; add G53.1 or A B C")
 
 
 FRAME_WORDS = frozenset(("TRANS", "ATRANS", "ROT", "AROT", "SCALE", "ASCALE", "MIRROR", "AMIRROR"))
