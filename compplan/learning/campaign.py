@@ -133,7 +133,7 @@ def add_places(
         InputError: If `count` poses are fewer than two for each place.
     """
     if count < 2 * len(observations.names):
-        message = f"{count} poses at {len(observations.names)} unknown places, expected at least two a place"
+        message = f"{count} poses at {len(observations.names)} unknown places, expected at least two per place"
         raise InputError(f"{message}: more --poses or fewer --places")
     design = replace(design, places=len(observations.names))
     wide = design.start.copy()

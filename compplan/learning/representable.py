@@ -174,6 +174,6 @@ def read_residual(file: Path | None, robot: Robot) -> Residual | None:
     table = read_table(file, columns)
     length = table.values["s"]
     if not len(length) or (np.diff(length) < 0).any():
-        raise table.error("s_mm has to rise from row to row, and there has to be one")
+        raise table.error("s_mm must rise from row to row, with at least one row")
     joints = table.stack([f"q{number}" for number in range(1, robot.nq + 1)])
     return Residual(length, table.stack(["dx", "dy", "dz"]), joints)

@@ -108,7 +108,7 @@ def test_points_that_two_stretches_claim_are_left_out_and_foreign_ones_refused(t
     found = match_points(table, hairpin, np.eye(4), in_base=True)
     assert len(found) == 10
     assert found.left_out == 10
-    with pytest.raises(InputError, match="0 of 20 points are of the cut"):
+    with pytest.raises(InputError, match="0 of 20 points are on the cut"):
         far = write_points(tmp_path / "b.csv", "x_mm,y_mm,z_mm", points + 300.0)
         match_points(read_measured_points(far), hairpin, np.eye(4), in_base=True)
 

@@ -75,7 +75,7 @@ def state_uncertainty(folds: Folds, found: Calibration, state: FitState, held: H
 def state_nominal_uncertainty(folds: Folds, nominal: FitState, residual: Array, good: Mask) -> Uncertainty:
     """Compute the uncertainty of the nominal robot: as before the log, and the rest of its gap unexplained.
 
-    A fit that does not predict held-out poses says nothing of the parameters. residual: of the nominal robot, all
+    A fit that does not predict held-out poses does not determine parameters. residual: of the nominal robot, all
     rows, (n, 3) [m]; other arguments: see `state_uncertainty`.
     """
     fit, rows = folds.fit, folds.fit.search.equations.source[0].rows
