@@ -13,7 +13,7 @@ from compplan.measurement.fit.intervals import distance_rms
 from compplan.measurement.fit.rows import Rows
 from compplan.robot import Robot
 from compplan.robot.uncertainty import Uncertainty, Unknown, spread_unknowns
-from compplan.uncertainty.assumed import assume_geometry, assume_held
+from compplan.uncertainty.assumed import assume_geometry
 
 
 def update_robot(robot: Robot, estimate: Estimate, *, source: str) -> Robot:
@@ -41,10 +41,8 @@ def identified_uncertainty(
     """
     unknowns, picked = _name_unknowns(kept.structure, kept)
     named, factor = spread_unknowns(unknowns, kept.covariance[np.ix_(picked, picked)])
-    held = assume_held(robot, named)
-    if difference:
-        # differences of one pose under several loads contain no information on zeros and lengths
-        held += assume_geometry(robot)
+    # differences of one pose under several loads contain no information on zeros and lengths
+    held = assume_geometry(robot) if difference else []
     root = np.eye(len(factor) + sum(len(unknown.keys) for unknown in held))
     root[: len(factor), : len(factor)] = factor
     left = gap.under_load_after if difference and gap.under_load_after is not None else gap.held_out_after

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +27,7 @@ from compplan.learning.model_update import (
 )
 from compplan.learning.path_state import PathState, apply_state, compress_state, read_state
 from compplan.learning.representable import Learned, Residual, list_learned, read_residual, residual_file
-from compplan.learning.transfer import Transfer, TransferResult, build_part_terms, transfer_nothing, transfer_to_paths
+from compplan.learning.transfer import Transfer, TransferResult, build_part_terms, transfer_to_paths
 from compplan.measurement.distance import band_radius
 from compplan.measurement.part_points import Surface, read_measured_points
 from compplan.planning.checks import state_notes
@@ -232,8 +231,7 @@ def learn_from_part(
         raise points.error(f"{rigid}; was the part clamped elsewhere? {WHOLE_PART}")
     model_update = learn_part(slopes, known, gathered, cut.exact, own)
     taken = model_update.taken
-    transfer = partial(transfer_to_paths, known=known, spread=whole) if taken else transfer_nothing
-    others = transfer(job, robot, model_update)
+    others = transfer_to_paths(job, robot, model_update, known, whole)
     residual, state = old, None
     if taken:
         residual, left, model_update = add_residual(old, model_update, cut, before.task, others)

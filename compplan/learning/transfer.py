@@ -151,26 +151,19 @@ class TransferResult(NamedTuple):
     shares: Array
 
 
-def transfer_nothing(job: Job, robot: Robot, model_update: ModelUpdate) -> TransferResult:
-    """Return the transfer without learned parameters."""
-    transfer = Transfer(False, False, "nothing is transferred to other paths", (np.inf,) * 3)
-    return TransferResult(transfer, robot, np.zeros(len(model_update.values)), find_learned_force(job), np.zeros(4))
-
-
 def transfer_to_paths(
     job: Job, robot: Robot, model_update: ModelUpdate, known: Uncertainty, spread: ForceSpread
 ) -> TransferResult:
     """Transfer force and robot parameters to other paths as far as cross-validation supports them."""
-    result = transfer_nothing(job, robot, model_update)
-    transfer = choose_transfer(model_update.model, model_update.gathered, learned=result.force is not None)
-    result = result._replace(transfer=transfer)
+    force, shares, held = find_learned_force(job), np.zeros(4), np.zeros(len(model_update.values))
+    if not model_update.taken:
+        return TransferResult(Transfer(False, False, "", (np.inf,) * 3), robot, held, force, shares)
+    transfer = choose_transfer(model_update.model, model_update.gathered, learned=force is not None)
     own_tool = job.tool is None
     if transfer.force:
         name, turn = job.name or job.file.stem, job.T_base_part[:3, :3]
         keep = [(own_tool or u.effect != "tool_frame") and transfer.robot for u in known.unknowns for _ in u.keys]
-        force, shares = learn_force(model_update, spread, result.force, job.process, turn, name, np.array(keep, bool))
-        result = result._replace(force=force, shares=shares)
+        force, shares = learn_force(model_update, spread, force, job.process, turn, name, np.array(keep, bool))
     if transfer.robot:
-        updated, held = apply_update(robot, known, model_update.values, model_update.covariance, own_tool=own_tool)
-        result = result._replace(robot=updated, held=held)
-    return result
+        robot, held = apply_update(robot, known, model_update.values, model_update.covariance, own_tool=own_tool)
+    return TransferResult(transfer, robot, held, force, shares)

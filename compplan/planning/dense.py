@@ -147,7 +147,7 @@ def place_pose(task: PlanTask, rows: NDArray[np.int_], position: Array, rotation
 
     rows: waypoints (k,); position: tips (k, 3) [m]; rotation: orientations (k, 3, 3).
     """
-    if task.touched is None or task.touched.displacement is None:
+    if task.touched is None:
         return position, rotation
     turn, loaded = task.touched.displacement[:3, :3], task.compensated[rows]
     moved = position @ turn.T + task.touched.displacement[:3, 3]

@@ -20,6 +20,7 @@ from compplan.job.noise import NoiseTable
 from compplan.planning.posture.summary import Start
 from compplan.process.force_law import ForceLaw
 from compplan.robot import Array, Robot
+from compplan.robot.pose import see_position
 from compplan.statics.chain import Chain, joint_jacobian, locate_frames
 from compplan.statics.ik import build_arm, refine_ik
 from compplan.statics.stiffness import AttainedPose, attain_pose, chunk_rows
@@ -143,17 +144,11 @@ class PlanTask:
 
     def to_part_frame(self, position: Array) -> Array:
         """Return positions of the loaded tip relative to the measured part frame. Shape (n, 3). [m]"""
-        return position if self.touched is None else self.touched.see_position(position)
+        return position if self.touched is None else see_position(position, self.touched.displacement)
 
     def to_part_frame_pose(self, pose: AttainedPose) -> AttainedPose:
         """Return loaded poses relative to the measured part frame; unloaded poses are those of the controller."""
-        if self.touched is None or self.touched.displacement is None:
-            return pose
-        touched = self.touched
-        return pose._replace(
-            position=touched.see_position(pose.position), rotation=touched.see_rotation(pose.rotation),
-            jacobian=touched.see_jacobian(pose.jacobian),
-        )  # fmt: skip
+        return pose if self.touched is None else self.touched.see_pose(pose)
 
     @property
     def follows_feed(self) -> bool:

@@ -113,8 +113,3 @@ def linear_displacement(points: Array) -> Array:
 def see_position(position: Array, displacement: Array) -> Array:
     """Transform positions to the frame of a displaced part, D^-1 p. Shape (n, 3). [m]"""
     return np.asarray((position - displacement[:3, 3]) @ displacement[:3, :3])
-
-
-def see_rotation(rotation: Array, displacement: Array) -> Array:
-    """Transform orientations to the frame of a displaced part, D^-1 R. Shape (n, 3, 3)."""
-    return np.asarray(displacement[:3, :3].T @ rotation)

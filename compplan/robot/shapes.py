@@ -27,16 +27,24 @@ FRAME = 0.03
 SMALLEST, SHORTEST, LONG_WAY = 0.01, 0.125, 0.1
 
 
-@dataclass(frozen=True)
+@dataclass
 class BodyShapes:
     """Collision shapes of a body."""
 
     link: str  #: The link that its joint moves, or the base.
     moves: bool  #: Whether a joint moves it.
-    shapes: tuple[UrdfShape, ...] = ()  #: Shapes, each with the link of the chain that carries it.
-    dropped: tuple[str, ...] = ()  #: Reason for each shape that was not read.
-    unknown: bool = False  #: Whether it is a moving body without any shape in the URDF.
+    poses: dict[str, Array]  #: Pose of each of its links in the frame that its joint moves. Shape (4, 4). [m]
+    way: float = 0.0  #: Distance from its joint to the next one. [m]
+    shapes: list[UrdfShape] = field(default_factory=list)  #: Shapes, each with the link of the chain that carries it.
+    dropped: list[str] = field(default_factory=list)  #: Reason for each shape that was not read.
+    shown: bool = False  #: Whether it has visuals or mass.
     size_fault: str = ""  #: Contradiction between the size of its shapes and the kinematics, or "".
+
+    @property
+    def unknown(self) -> bool:
+        """Whether it is a moving body without any shape in the URDF."""
+        given = self.shapes or self.dropped or self.size_fault
+        return self.moves and not given and (self.shown or self.way > FRAME)
 
     @property
     def gap(self) -> str:
@@ -52,19 +60,6 @@ class BodyShapes:
     def count(self) -> dict[str, int]:
         """Counts of shapes read and dropped, and whether shapes are unknown."""
         return {"read": len(self.shapes), "dropped": len(self.dropped), "unknown": int(self.unknown)}
-
-
-@dataclass
-class _Body:
-    """Links of a body: their poses in the frame that its joint moves."""
-
-    link: str
-    moves: bool
-    poses: dict[str, Array]
-    way: float = 0.0
-    shapes: list[UrdfShape] = field(default_factory=list)
-    dropped: list[str] = field(default_factory=list)
-    shown: bool = False
 
 
 def read_bodies(robot: Robot) -> tuple[BodyShapes, ...]:
@@ -99,12 +94,14 @@ def read_bodies(robot: Robot) -> tuple[BodyShapes, ...]:
             body.dropped.append(f"{shape.name}: {error}" if carrier != shape.link else str(error))
             continue
         body.shapes.append(UrdfShape(shape.name, carrier, form, pose @ shape.placement))
-    return tuple(_assess(body, robot.longest_reach) for body in bodies)
+    for body in bodies:
+        body.size_fault = _find_size_fault(body, robot.longest_reach) if body.shapes else ""
+    return tuple(bodies)
 
 
 def leave_out(bodies: Sequence[BodyShapes], links: Sequence[str]) -> tuple[BodyShapes, ...]:
     """Return bodies without the implausible shapes of the named links."""
-    return tuple(replace(body, shapes=()) if body.link in links and body.size_fault else body for body in bodies)
+    return tuple(replace(body, shapes=[]) if body.link in links and body.size_fault else body for body in bodies)
 
 
 def describe_shapes(bodies: Sequence[BodyShapes]) -> str:
@@ -132,9 +129,9 @@ def load_form(form: tuple[Any, ...], folder: Path | None) -> Any:
     return load_mesh(file, "m").apply_scale(form[2])
 
 
-def _gather(robot: Robot) -> list[_Body]:
+def _gather(robot: Robot) -> list[BodyShapes]:
     """Divide the chain into bodies, with the distance from each body's joint to the next one."""
-    bodies = [_Body(robot.base, False, {robot.base: np.eye(4)})]
+    bodies = [BodyShapes(robot.base, False, {robot.base: np.eye(4)})]
     for joint in robot.joints:
         last = bodies[-1]
         pose = last.poses[joint.parent] @ joint.placement
@@ -142,27 +139,20 @@ def _gather(robot: Robot) -> list[_Body]:
         if joint.kind == "fixed":
             last.poses[joint.child] = pose
         else:
-            bodies.append(_Body(joint.child, True, {joint.child: np.eye(4)}))
+            bodies.append(BodyShapes(joint.child, True, {joint.child: np.eye(4)}))
     return bodies
 
 
-def _assess(body: _Body, reach: float) -> BodyShapes:
-    """Return a body with `unknown` and `size_fault` set from its shapes and the kinematics."""
-    given = body.shapes or body.dropped
-    unknown = body.moves and not given and (body.shown or body.way > FRAME)
-    found = BodyShapes(body.link, body.moves, tuple(body.shapes), tuple(body.dropped), unknown)
-    if not body.shapes:
-        return found
+def _find_size_fault(body: BodyShapes, reach: float) -> str:
+    """Return the contradiction between the size of a body's shapes and the kinematics, or ""."""
     placed = ((shape.vertices, body.poses[shape.link]) for shape in body.shapes)
     points = np.vstack([vertices @ pose[:3, :3].T + pose[:3, 3] for vertices, pose in placed])
     whole = float(np.linalg.norm(np.ptp(points, axis=0)))
     sizes = [float(np.linalg.norm(np.ptp(shape.vertices, axis=0))) for shape in body.shapes]
     spans = body.way > LONG_WAY * reach
     if whole > reach:
-        size_fault = f"its shape is {whole:.3g} m long, the whole arm {reach:.3g} m: a mesh in mm, or a wrong scale?"
-    elif max(sizes) < SMALLEST * reach or (spans and sum(sizes) < SHORTEST * body.way):
+        return f"its shape is {whole:.3g} m long, the whole arm {reach:.3g} m: a mesh in mm, or a wrong scale?"
+    if max(sizes) < SMALLEST * reach or (spans and sum(sizes) < SHORTEST * body.way):
         way = f" on a way of {1e3 * body.way:.3g} mm to its next joint" if spans else ""
-        size_fault = f"its largest shape measures {1e3 * max(sizes):.3g} mm{way}: scaled twice, or a wrong scale?"
-    else:
-        return found
-    return replace(found, size_fault=size_fault)
+        return f"its largest shape measures {1e3 * max(sizes):.3g} mm{way}: scaled twice, or a wrong scale?"
+    return ""

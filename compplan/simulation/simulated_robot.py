@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from compplan.effects.attained import attain_with_effects, rest_robot
 from compplan.robot import Array, Robot
-from compplan.robot.pose import fit_displacement, see_position, see_rotation
+from compplan.robot.pose import fit_displacement, see_position
 from compplan.simulation.exact import ExactRobot, build_exact_robot, solve_exact_pose
 
 #: Name of the simulated robot equal to the planner's model.
@@ -75,7 +75,7 @@ def run_simulated_robot(
     position, rotation = _attain(cell, q, wrench, step_time, bias)
     if cell.displacement is None:
         return SimulatedRun(position, rotation)
-    return SimulatedRun(see_position(position, cell.displacement), see_rotation(rotation, cell.displacement))
+    return SimulatedRun(see_position(position, cell.displacement), cell.displacement[:3, :3].T @ rotation)
 
 
 def with_touched_part(cell: SimulatedRobot, q: Array, shown: Array) -> SimulatedRobot:

@@ -230,17 +230,8 @@ def run_strategy(study: Study, name: str, robots: SampledRobots) -> Array:
     command = study.commands[name]
     q = np.broadcast_to(command.q, (len(command.q), *robots.shift.shape[1:]))
     if command.gain is not None and command.expected is not None:
-        q = command.q + correct_online(command.gain, robots.wrench + robots.force - command.expected)
+        q = command.q + np.einsum("qkn,kbn->qbn", command.gain, robots.wrench + robots.force - command.expected)
     return _cut_part(study, command, robots, q)
-
-
-def correct_online(gain: Array, reading: Array) -> Array:
-    """Compute the command change (nq, b, n) [rad or m] for b samples: gain (nq, k, n) times reading (k, b, n)."""
-    change = np.zeros((len(gain), *reading.shape[1:]))
-    for row, rates in zip(change, gain, strict=True):
-        for rate, part in zip(rates, reading, strict=True):
-            row += rate * part
-    return change
 
 
 def _cut_part(study: Study, command: PreparedCommand, robots: SampledRobots, q: Array) -> Array:

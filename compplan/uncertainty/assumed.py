@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -27,8 +26,6 @@ CALIBRATED, DELIVERED = (0.003, 0.03, 0.001), (0.010, 0.10, 0.003)
 PLAY, GEAR = 0.002, 0.002
 #: Standard deviation of a touched-off tool tip per axis, as in [noise] (assumed). [m]
 TOOL = 3e-5
-#: Relative standard deviation of a joint stiffness that was not identified (assumed).
-HELD = 0.3
 #: Unmodelled error of a robot without measurements: rms distance and correlation length (assumed). [m]
 UNEXPLAINED, SCALE = 5e-5, 0.3
 #: Default repeatability per axis (assumed, as in [noise]: 30 to 120 um stated by makers are three standard deviations
@@ -193,17 +190,6 @@ def assume_geometry(robot: Robot, widths: tuple[float, float, float] | None = No
                 continue
             key, width = (f"{axis}_m", length * 1e-3) if axis[0] == "t" else (f"{axis}_rad", np.radians(turn))
             found.append(Unknown("link_geometry", joint.name, axis, (key,), np.array([width])))
-    return found
-
-
-def assume_held(robot: Robot, named: Sequence[Unknown]) -> list[Unknown]:
-    """List the joint springs that the campaign did not identify, with an assumed standard deviation."""
-    told = {unknown.joint for unknown in named if unknown.effect == "joint_stiffness"}
-    found = []
-    for index, spring in own_springs(robot).items():
-        joint = robot.actuated[index]
-        if joint.name not in told and spring.compliance > 0:
-            found.append(_joint_spring(joint, HELD * spring.compliance))
     return found
 
 

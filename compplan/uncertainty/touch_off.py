@@ -21,11 +21,12 @@ from compplan.effects.forward_model import ForwardModel
 from compplan.job.job import Job
 from compplan.job.noise import NoiseTable
 from compplan.robot import Array, Robot
-from compplan.robot.pose import fit_displacement, linear_displacement, rigid_columns, see_position, see_rotation
+from compplan.robot.pose import fit_displacement, linear_displacement, rigid_columns, see_position
 from compplan.robot.uncertainty import Unknown
 from compplan.statics.chain import build_chain, locate_frames
 from compplan.statics.elastic import locate_loaded
 from compplan.statics.ik import build_arm, pose_error, refine_ik
+from compplan.statics.stiffness import AttainedPose
 from compplan.toolpath.toolpath import Toolpath
 from compplan.uncertainty.sensitivities import build_path_model, measure_slopes
 
@@ -51,9 +52,9 @@ class TouchedPart:
     robot: Robot  #: Robot model of the touch-off.
     q: Array  #: Joint positions at the touched points. Shape (k, nq). [rad or m]
     shown: Array  #: The touched points in the found frame, base axes. Shape (k, 3). [m]
-    #: D, from the found frame to the actual frame by the robot model; None if neither gravity, effects nor the geometry
-    #: in the controller displace the arm. Shape (4, 4). [m]
-    displacement: Array | None
+    #: D, from the found frame to the actual frame by the robot model; the identity if neither gravity, effects nor the
+    #: geometry in the controller displace the arm. Shape (4, 4). [m]
+    displacement: Array
 
     def spread_part(self, position: Array) -> Array:
         """Return the motion of the fitted part by one deviation of the touched coordinates. Shape (n, 3, 6). [m]"""
@@ -73,20 +74,13 @@ class TouchedPart:
         lever = position - self.shown.mean(axis=0)
         return np.asarray(twist[:3] + np.cross(twist[3:].T[None], lever[:, None]).transpose(0, 2, 1))
 
-    def see_position(self, position: Array) -> Array:
-        """Return positions of the arm relative to the found frame, base axes. Shape (n, 3). [m]."""
-        return position if self.displacement is None else see_position(position, self.displacement)
-
-    def see_rotation(self, rotation: Array) -> Array:
-        """Return orientations relative to the found frame, base axes. Shape (n, 3, 3)."""
-        return rotation if self.displacement is None else see_rotation(rotation, self.displacement)
-
-    def see_jacobian(self, jacobian: Array) -> Array:
-        """Return twists relative to the found frame, base axes, linear rows first. Shape (n, 6, nq)."""
-        if self.displacement is None:
-            return jacobian
-        turn = self.displacement[:3, :3].T
-        return np.concatenate([turn @ jacobian[:, :3], turn @ jacobian[:, 3:]], axis=1)
+    def see_pose(self, pose: AttainedPose) -> AttainedPose:
+        """Return loaded poses of the arm relative to the found frame, base axes."""
+        turn, jacobian = self.displacement[:3, :3].T, pose.jacobian
+        return pose._replace(
+            position=see_position(pose.position, self.displacement), rotation=np.asarray(turn @ pose.rotation),
+            jacobian=np.concatenate([turn @ jacobian[:, :3], turn @ jacobian[:, 3:]], axis=1),
+        )  # fmt: skip
 
 
 def states_placement(noise: NoiseTable) -> bool:
@@ -161,10 +155,10 @@ def _reach_points(believed: Robot, points: Array, position: Array, rotation: Arr
     return locate_frames(arm.chain, q).tcp_position, q
 
 
-def _find_displacement(robot: Robot, believed: Robot, q: Array) -> Array | None:
+def _find_displacement(robot: Robot, believed: Robot, q: Array) -> Array:
     bends = bool(robot.springs or robot.link_elasticities) and robot.loading_gravity is not None
     if not bends and not robot.effects and believed is robot:
-        return None
+        return np.eye(4)
     shown = locate_frames(build_chain(believed), q).tcp_position
     return fit_displacement(shown, locate_touching(robot, q))
 
