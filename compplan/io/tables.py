@@ -7,7 +7,6 @@ raises an InputError with file and line.
 from __future__ import annotations
 
 import csv
-import io
 import json
 import re
 import stat
@@ -34,8 +33,6 @@ NO_LETTER = re.compile("[\ud800-\udfff]")
 
 #: A number with a decimal comma.
 COMMA = re.compile(r"\s*[-+]?\d+,\d+([eE][-+]?\d+)?\s*")
-#: Size from which a table of numbers is parsed at once [bytes], and pattern of its column names.
-LONG, HEADER = 200_000, re.compile(r"[A-Za-z][A-Za-z0-9_.\[\]/]*")
 
 
 @dataclass(frozen=True)
@@ -118,8 +115,8 @@ def read_table(
 
     """
     path = Path(path)
-    plain = None if any(column.dimension == "text" for column in columns) else _read_plain(path)
-    line, header, cells, lines = _read_rows(path, rename is not None) if plain is None else plain
+    numbers = all(column.dimension != "text" for column in columns)
+    line, header, cells, lines = _read_rows(path, rename is not None, numbers)
     return build_table(path, line, header, cells, lines, columns, unknown, rename)
 
 
@@ -155,30 +152,12 @@ def build_table(
 Cells = tuple[int, list[str], Sequence[Any], NDArray[np.int64]]
 
 
-def _read_plain(path: Path) -> Cells | None:
-    """Read a long table that has only numbers; None for any other file."""
-    if not path.is_file() or not LONG <= path.stat().st_size <= MOST_BYTES:
-        return None
-    head, _, body = path.read_bytes().partition(b"\n")
-    body = body.replace(b"\r\n", b"\n")
-    header = [name.strip() for name in head.decode("ascii", "replace").split(",")]
-    if not all(HEADER.fullmatch(name) for name in header) or body.translate(None, b"0123456789+-.eE,\n"):
-        return None
-    if body.startswith(b"\n") or b"\n\n" in body:
-        return None
-    try:
-        with guard_parser(path, "is not a table"):
-            grid = np.loadtxt(io.BytesIO(body), delimiter=",", ndmin=2)
-    except InputError:  # ragged or empty: the slow path reports the line
-        return None
-    whole = grid.shape[1] == len(header) and bool(np.isfinite(grid).all())
-    return (1, header, list(grid.T), np.arange(2, 2 + len(grid))) if whole else None
-
-
-def _read_rows(path: Path, exported: bool) -> Cells:
-    """Read any other table; refuse ragged rows."""
+def _read_rows(path: Path, exported: bool, numbers: bool) -> Cells:
+    """Read a table, which may hold only numbers; refuse ragged rows."""
     content = read_text(path)
     text_lines = content.splitlines()
+    if numbers and content.isascii() and (plain := _read_numbers(text_lines)) is not None:
+        return plain
     head = next((line for line in text_lines if line.strip() and line.lstrip()[0] != "#"), "")
     mark = next((mark for mark in ";\t, " if mark in head), ",") if exported else ","
     reader = csv.reader(text_lines, delimiter=mark)
@@ -211,6 +190,19 @@ def _read_rows(path: Path, exported: bool) -> Cells:
     return header_line, header, cells, np.array(lines, dtype=np.int64)
 
 
+def _read_numbers(text_lines: list[str]) -> Cells | None:
+    """Read a table with a number in every field, without remarks and blank lines; None for any other table."""
+    if len(text_lines) < 2 or set(text_lines[0]) & set('#";'):
+        return None
+    header = [name.strip() for name in text_lines[0].split(",")]
+    try:
+        grid = np.loadtxt(text_lines[1:], delimiter=",", ndmin=2, comments=None)
+    except ValueError:  # `_read_rows` states the line
+        return None
+    whole = grid.shape == (len(text_lines) - 1, len(header)) and bool(np.isfinite(grid).all())
+    return (1, header, list(grid.T), np.arange(2, 2 + len(grid))) if whole else None
+
+
 def _split_rows(reader: Any, path: Path) -> Iterator[list[str]]:
     """Yield the rows of a CSV reader."""
     with guard_parser(path, "is not a table", lambda: int(reader.line_num) + 1):
@@ -225,7 +217,7 @@ def _parse_numbers(path: Path, title: str, cells: Sequence[Any], lines: NDArray[
         elif not is_plain("".join(cells)):
             raise ValueError
         else:
-            numbers = np.array([cell or "nan" for cell in cells], dtype=np.str_).astype(np.float64)
+            numbers = np.array([float(cell or "nan") for cell in cells])
     except (TypeError, ValueError):
         rows = zip(cells, lines.tolist(), strict=True)
         numbers = np.array([_parse_number(path, title, str(cell), line) for cell, line in rows])

@@ -21,13 +21,13 @@ from compplan.controllers.writers import WHOLE, write_sequence
 from compplan.io.notes import list_remarks, list_stops
 from compplan.io.palette import BAND, BEFORE
 from compplan.io.quantities import format_mm, format_mm_change
-from compplan.io.tables import read_text, write_json, write_text
+from compplan.io.tables import write_json, write_table, write_text
 from compplan.io.transaction import list_files, replace_folder
 from compplan.planning.result import Plan
 from compplan.reporting.charts import Bars, draw_bars
 from compplan.reporting.page import Cell, Chart, DataTable, Provenance, Section, Summary, render_page
 from compplan.reporting.plan_summary import TONES
-from compplan.reporting.writers.plan import head_of_status, make_program, write_beside, write_moves
+from compplan.reporting.writers.plan import head_of_status, make_program, tabulate_joints, write_beside, write_moves
 
 #: Statuses and verdicts, from the best to the worst.
 STATUSES = ("solved", "not_confirmed", "infeasible")
@@ -62,7 +62,7 @@ def deliver_operations(plans: Sequence[Plan], folder: str | Path, name: str) -> 
             written.append([part / file for file in programs[label]])
             write_beside(plan, place)
             read.append(plan)
-        _join_joints([part / label / "joints.csv" for label in programs], list(programs), part / "joints.csv")
+        _join_joints(read, list(programs), part / "joints.csv")
         mains = _write_mains(read, written, part, name)
         summary = summarise_operations(read, name)
         summary["main_programs"] = [file.name for file in mains]
@@ -141,21 +141,14 @@ def _write_mains(plans: Sequence[Plan], written: Sequence[Sequence[Path]], folde
     ]  # fmt: skip
 
 
-def _join_joints(files: Sequence[Path], labels: Sequence[str], whole: Path) -> None:
+def _join_joints(plans: Sequence[Plan], labels: Sequence[str], file: Path) -> None:
     """Write joints.csv of all operations: their rows in order, continuous times, and a column with the tool."""
-    lines: list[str] = []
-    offset = 0.0
-    for file, label in zip(files, labels, strict=True):
-        head, *rows = read_text(file).splitlines()
-        assert head.startswith("time_s,")
-        lines = lines or [f"{head},tool"]
-        last = offset
-        for row in rows:
-            time, _, rest = row.partition(",")
-            last = offset + float(time)
-            lines.append(f"{last:.10g},{rest},{label}")
-        offset = last + CHANGE
-    write_text(whole, "\n".join([*lines, ""]))
+    tables, begin = [tabulate_joints(plan) for plan in plans], 0.0
+    for table, label in zip(tables, labels, strict=True):
+        table["time_s"] = begin + table["time_s"]
+        table["tool"] = np.full(len(table["time_s"]), label)
+        begin = float(table["time_s"][-1]) + CHANGE
+    write_table(file, {name: np.concatenate([table[name] for table in tables]) for name in tables[0]}, decimals=10)
 
 
 def describe_order(summary: dict[str, Any], files: Sequence[Path]) -> str:

@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
+from numpy.polynomial.polynomial import polyadd
 from scipy.signal import lfilter
 
 from compplan.robot import Array
@@ -67,9 +68,9 @@ def loop_fraction(loop: Loop) -> tuple[Array, Array]:
     top, bottom = loop.law
     robot_top, robot_bottom = loop.robot
     if loop.error == "sent":
-        return np.convolve(top, robot_top), np.convolve(_add(bottom, top), robot_bottom)
+        return np.convolve(top, robot_top), np.convolve(polyadd(bottom, top), robot_bottom)
     open_top, open_bottom = np.convolve(top, robot_top), np.convolve(bottom, robot_bottom)
-    return open_top, _add(open_bottom, open_top)
+    return open_top, polyadd(open_bottom, open_top)
 
 
 def largest_pole(loop: Loop) -> float:
@@ -82,13 +83,6 @@ def run_loop(loop: Loop, wanted: Array) -> Array:
     """Compute the attained from the demanded corrections of a loop initially at rest, time last. Shape (..., n)."""
     top, bottom = loop_fraction(loop)
     return np.asarray(lfilter(top, bottom, wanted, axis=-1))
-
-
-def _add(a: Array, b: Array) -> Array:
-    total = np.zeros(max(len(a), len(b)))
-    total[: len(a)] += a
-    total[: len(b)] += b
-    return total
 
 
 #: The law as printed, on a robot without lag and delay: unstable.
