@@ -1,4 +1,4 @@
-"""compplan: make industrial robots cut where the CAM says.
+"""compplan: correct robot programs so that the loaded tool follows the CAM path.
 
 One verb for each daily way from files, arrays or DataFrames to a result:
 

@@ -1,6 +1,6 @@
 """Every exception that compplan raises on purpose.
 
-A message is a sentence that says what is wrong, what is allowed, where, and what to do next. The command line prints it
+A message is one sentence: what is wrong, what is allowed, where, and what to do next. The command line prints it
 as one line and leaves with the exit status of the class; nothing else decides an exit status.
 """
 

@@ -95,6 +95,7 @@ def check_job(job: str, out: Path) -> None:
     assert found["cycle_s"] == pytest.approx(golden["cycle_s"], rel=1e-6)
     assert found["before_max_mm"] == pytest.approx(golden["before_max_mm"], abs=1e-6)
     assert found["after_max_mm"] == pytest.approx(golden["after_max_mm"], abs=1e-6)
+    assert found["status"] != "solved" or found["after_max_mm"] < 1e-6
     for row, joints in found["joints"].items():
         assert np.allclose(joints, golden["joints"][str(row)], rtol=0.0, atol=JOINTS_DEG), f"row {row}"
 

@@ -19,7 +19,7 @@ from compplan.toolpath.toolpath import Toolpath
 #: A section of a job: its keys, or a TOML file with them (alone, or within a job).
 Table = Mapping[str, Any] | str | Path
 #: Sections of a job that API functions accept as keywords: all except `NO_TABLES`.
-NO_TABLES = ("schema_", "name", "robot", "toolpath")
+NO_TABLES = ("schema_", "name", "profile", "robot", "toolpath")
 TABLES = tuple(field.alias or name for name, field in Job.model_fields.items() if name not in NO_TABLES)
 #: Name of a path in memory, in its job.
 IN_MEMORY = "path in memory"
@@ -84,7 +84,7 @@ def _read_source(source: Any) -> tuple[dict[str, Any], Path, Toolpath | None, Ro
         return _path_job(file.stem, str(file), force), file.with_suffix(".toml"), None, None, True
     toolpath = read_toolpath(source)
     if toolpath.frame != "part":
-        raise InputError(f"the toolpath stands in the {toolpath.frame} frame, expected the part frame")
+        raise InputError(f"the toolpath is in the {toolpath.frame} frame, expected the part frame")
     name = Path(toolpath.source).stem or IN_MEMORY
     name = IN_MEMORY if name.startswith("<") else name
     force = NO_FORCE if toolpath.wrench is None else {"model": "columns"}

@@ -80,7 +80,7 @@ class LazyGroup(click.Group):
         try:
             return super().invoke(ctx)
         except BrokenPipeError:
-            raise InputError("a process or stream that this run writes to is gone; run it again") from None
+            raise InputError("the process that reads this output has ended; run the command again") from None
 
     def resolve_command(
         self, ctx: click.Context, args: list[str]

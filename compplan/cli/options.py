@@ -165,10 +165,10 @@ def take_cam_options(command: Command) -> Command:
         click.option("--machine", metavar="NAME",
                      help=f"The machine that the file is made for: NAME.toml beside it, or {machines}."),
         click.option("--rotary", type=click.Choice(["head", "table", "head_table", "ignore"]),
-                     help="What A B C words turn."),
+                     help="What A B C words turn: the tool (head), the part (table), both."),
         click.option("--wcs", metavar="G54", help="The work offset that is the part frame, if a file cuts in several."),
         click.option("--compensation", type=click.Choice(["centre_line"]),
-                     help="What a file holds where the control compensates (G41)."),
+                     help="State that a file with G41 or G42 holds the path of the tool centre."),
     )(command)  # fmt: skip
 
 

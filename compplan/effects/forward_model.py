@@ -212,20 +212,24 @@ def see_target(model: ForwardModel, frames: Frames, wrench: Array) -> tuple[Arra
 
 def model_chain(model: ForwardModel, chain: Chain | None = None) -> Chain:
     """Build the chain of a model: links grown row by row, actuator springs locked under link-side control."""
-    chain = chain or build_chain(model.robot)
-    if model.growth.any():
-        segment = np.searchsorted(chain.joint_elements, np.arange(len(chain.names)))
-        factor = 1.0 + model.growth
-        chain = replace(
-            chain,
-            position=chain.position * factor[:, segment, None],
-            tcp_position=chain.tcp_position + model.growth[:, -1, None] * find_hand(model.robot),
-        )
+    chain = grow_chain(model, chain or build_chain(model.robot))
     if model.campaign.link_controlled.any() and chain.actuator.any():
         locked = model.campaign.link_controlled[:, None] & chain.actuator
         keep = ~(locked[:, :, None] | locked[:, None, :])
         chain = replace(chain, compliance=chain.compliance * keep)
     return chain
+
+
+def grow_chain(model: ForwardModel, chain: Chain) -> Chain:
+    """Return a chain whose links and flange have grown as in a model, row by row."""
+    if not model.growth.any():
+        return chain
+    segment = np.searchsorted(chain.joint_elements, np.arange(len(chain.names)))
+    return replace(
+        chain,
+        position=chain.position * (1.0 + model.growth)[:, segment, None],
+        tcp_position=chain.tcp_position + model.growth[:, -1, None] * find_hand(model.robot),
+    )
 
 
 class OwnSpring(NamedTuple):

@@ -18,6 +18,7 @@ from compplan.effects.forward_model import (
     ForwardModel,
     OwnSpring,
     base_moment,
+    grow_chain,
     own_springs,
     spring_coordinates,
 )
@@ -170,13 +171,10 @@ def linearize_model(
     robot = model.robot
     probes = [Spring(joint.name, axis, 0.0) for joint in robot.joints for axis in AXES]
     probed = replace(robot, springs=(*robot.springs, *probes))
-    chain = build_chain(probed)
+    chain = grow_chain(model, build_chain(probed))
     coordinates = spring_coordinates(probed)
     theta = np.zeros((len(attained.q), chain.n_springs))
     theta[:, np.setdiff1d(np.arange(chain.n_springs), coordinates[len(robot.springs) :])] = attained.theta
-    if model.growth.any():
-        segment = np.searchsorted(chain.joint_elements, np.arange(len(chain.names)))
-        chain = replace(chain, position=chain.position * (1.0 + model.growth)[:, segment, None])
     frames = locate_frames(chain, attained.q, theta)
     load = load_elements(chain, frames, attained.wrench)
     force = attained.wrench[:, :3] + chain.mass.sum() * locate_gravity(chain, frames)

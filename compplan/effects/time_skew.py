@@ -63,7 +63,7 @@ def apply(model: ForwardModel, effect: Effect) -> ForwardModel:
 
 
 def _earlier(campaign: Campaign, skew: float) -> Array:
-    """Return the joints a time earlier minus the joints now, on paths. Shape (n, nq). [rad or m]."""
+    """Return joint positions at an earlier time minus the current ones, on paths. Shape (n, nq). [rad or m]"""
     change = np.zeros_like(campaign.q)
     if campaign.time is None:
         return change

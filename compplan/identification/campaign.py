@@ -23,7 +23,7 @@ from compplan.measurement.campaign import Campaign
 from compplan.measurement.fit.rows import Rows, take_rows
 from compplan.measurement.registration import Registration
 from compplan.robot import Robot
-from compplan.uncertainty.assumed import free_base
+from compplan.uncertainty.assumed import restore_prior
 
 
 @dataclass(frozen=True)
@@ -79,8 +79,7 @@ def identify_campaign(
     gap = measure_gap(replace(problem.rows, registration=frames), structure, kept)
     sigma = float(np.median(rows.deviation[:, 0]))
     uncertainty = identified_uncertainty(updated, kept, gap, difference=problem.difference, sigma=sigma, source=source)
-    if "base" in chosen.register or campaign.free_base:
-        uncertainty = free_base(robot, uncertainty)
+    uncertainty = restore_prior(robot, uncertainty, free_base="base" in chosen.register or campaign.free_base)
     notes += [*outlier_notes, *more]
     if kept.clustered:
         notes.append(

@@ -12,6 +12,8 @@ from typing import Any
 
 from compplan.version import VERSION
 
+#: Prefix of a folder in which a result is written; what is read back from there is no input.
+HIDDEN = ".compplan."
 LOG = logging.getLogger(__name__)
 _READ: ContextVar[dict[str, str] | None] = ContextVar("read", default=None)
 _SEEDS: ContextVar[dict[str, int] | None] = ContextVar("seeds", default=None)
@@ -32,7 +34,7 @@ def note_input(path: Path, content: bytes) -> None:
     """Record that a file was read."""
     LOG.debug("read %s, %d bytes", path, len(content))
     read = _READ.get()
-    if read is not None:
+    if read is not None and not any(part.startswith(HIDDEN) for part in path.parts):
         read[str(path)] = hashlib.sha256(content).hexdigest()
 
 

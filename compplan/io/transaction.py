@@ -23,12 +23,12 @@ from typing import Any
 from uuid import uuid4
 
 from compplan.errors import InputError
-from compplan.io.provenance import describe_origin, is_input
+from compplan.io.provenance import HIDDEN, describe_origin, is_input
 
 LOG = logging.getLogger(__name__)
 MANIFEST = "manifest.json"
 #: Suffixes of hidden files and folders: incomplete; complete and to be moved. Prefix of hidden folders.
-PART, READY, HIDDEN = ".part", ".ready", ".compplan."
+PART, READY = ".part", ".ready"
 #: Remedy.
 ADVICE = "move it away or name another folder"
 #: Folders locked by this process.

@@ -14,7 +14,7 @@ EXPANSION = 12e-6
 #: Sources of the defaults by key.
 SOURCES: dict[str, str] = {
     "link_share": "assumed; share of a joint spring beyond its link-side encoder where one spring stands for both",
-    "part_frame_mm": "assumed; where this is not stated, a touched part is placed within 0.02 mm",
+    "part_frame_mm": "assumed for an absolute frame; where this is not stated, a touched part is placed within 0.02 mm",
     "part_frame_deg": "assumed; as part_frame_mm",
     "wrench_level": "what the force model states, else assumed; models of milling and forming err by 10 to 20 %",
     "wrench_direction_deg": "assumed",

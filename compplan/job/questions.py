@@ -9,12 +9,11 @@ import numpy as np
 from compplan.controllers.writers.joint_convention import locate_pendant
 from compplan.io.notes import Stop
 from compplan.job.job import Job
+from compplan.job.tools import CUTTERS
 from compplan.robot import Array, Robot, load_robot
 from compplan.robot.mounting import name_axis, outward_axis
 from compplan.toolpath.toolpath import Toolpath
 
-#: Force models of a turning tool.
-TURNING = ("milling", "end_mill", "drill")
 #: Angle between tool and flange above which a note questions the tool. [deg]
 SIDEWAYS = 60.0
 #: Flange-tip distance below which no tool direction is inferred. [m]
@@ -38,7 +37,7 @@ def describe_spindle(nominal: Toolpath, job: Job) -> str:
     """Note that a CAM file does not start the spindle of a cut; "" if it does."""
     turned = any(event.kind in ("spindle_cw", "spindle_ccw") for event in nominal.events)
     read = isinstance(job.toolpath, str) and not job.toolpath.lower().endswith(".csv")
-    if job.process.model not in TURNING or not read or turned or job.output.templates:
+    if job.process.model not in CUTTERS or not read or turned or job.output.templates:
         return ""
     return Stop("The CAM file never starts the spindle (no M3 or M4), so the programs do not: start it before the cut, "
                 "or write lines that do into a template ([output] templates).")  # fmt: skip

@@ -17,14 +17,12 @@ from compplan.job.tool_tables import LibraryTool, take_tool
 from compplan.process.force_models import FORCE_MODELS
 from compplan.toolpath.operations import Operation
 
-#: Force models with a cutter, and the keys that a tool table supplies.
+#: Force models of a turning cutter, and the keys that a tool table supplies.
 CUTTERS = {
     "end_mill": ("diameter_mm", "teeth", "corner_radius_mm", "flute_mm"),
     "drill": ("diameter_mm", "teeth", "point_deg"),
     "milling": ("diameter_mm",),
 }
-#: Force models with a spindle speed.
-SPINNING = ("end_mill", "drill", "milling")
 
 
 class NumberedTool(ToolTable):
@@ -76,7 +74,7 @@ def check_tools(entries: Sequence[Any], file: str | Path) -> tuple[NumberedTool,
         tool = check_table(NumberedTool, entry, file=file, key=f"tool[{k}]")
         if (tool.number, tool.name) in [(other.number, other.name) for other in tools]:
             call = repr(tool.name) if tool.name else f"T{tool.number}"
-            raise InputError(f"describes {call} again", file=file, where=f"tool[{k}]")
+            raise InputError(f"describes {call} again; keep one section", file=file, where=f"tool[{k}]")
         tools.append(tool)
     return tuple(tools)
 
@@ -141,7 +139,7 @@ def fill_process(common: Mapping[str, Any], described: Described, speed: float |
     known = common if alike else FORCE_MODELS[model].table.model_fields
     kept = {key: value for key, value in common.items() if key in known}
     laid = {**kept, **own}
-    if model in SPINNING and "spindle_rpm" not in own and speed is not None:
+    if model in CUTTERS and "spindle_rpm" not in own and speed is not None:
         laid["spindle_rpm"] = speed
     return laid
 

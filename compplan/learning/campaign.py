@@ -28,9 +28,8 @@ from compplan.planning.plan import Plan
 from compplan.planning.posture.collision_scene import build_scene
 from compplan.robot import Array, Robot
 from compplan.simulation.predict import predict_campaign
-from compplan.uncertainty.assumed import list_assumed, robot_uncertainty
+from compplan.uncertainty.assumed import COMPLIANCES, list_assumed, robot_uncertainty
 from compplan.uncertainty.band import lead_unknowns, linearise_path, split_covariance
-from compplan.uncertainty.ladder import COMPLIANCES
 from compplan.uncertainty.sensitivities import (
     build_path_model,
     build_varied_model,
@@ -134,7 +133,7 @@ def add_places(
         InputError: If `count` poses are fewer than two for each place.
     """
     if count < 2 * len(observations.names):
-        message = f"{count} poses at {len(observations.names)} unknown places, expected at least two a place"
+        message = f"{count} poses at {len(observations.names)} unknown places, expected at least two per place"
         raise InputError(f"{message}: more --poses or fewer --places")
     design = replace(design, places=len(observations.names))
     wide = design.start.copy()

@@ -103,7 +103,7 @@ def match_points(
     strange = not scanned and not accept_implausible and float((distance > FARTHEST).mean()) > MOST_OUT
     if good.sum() < FEWEST or strange:
         raise table.error(
-            f"{int(good.sum())} of {len(point)} points are of the cut; expected at least {FEWEST}, and half of all"
+            f"{int(good.sum())} of {len(point)} points are on the cut; expected at least {FEWEST}, and half of all"
             f" within {FARTHEST * 1e3:g} mm of the path (median distance {float(np.median(distance)) * 1e3:.4g} mm)."
             f" In the {'part frame? Add --frame part' if in_base else 'robot base? Add --frame base'}."
             " Else: another part, not mm, or axes swapped?"
@@ -172,10 +172,10 @@ def _describe_left_out(table: Table, good: NDArray[np.bool_]) -> list[str]:
     out = int((~good).sum())
     if not out:
         return []
-    text = f"{out} of {len(good)} measured points are not of the cut, or two stretches claim them: left out"
+    text = f"{out} of {len(good)} measured points are left out: they are off the cut, or near two stretches of it"
     if "s" in table or out < STRANGE * len(good):
         return [text]
-    help_ = "the stretches lie too close for parts so far off; state s_mm, the length of the path at each point"
+    help_ = "the stretches are too close together for such deviations; state s_mm, the length of the path at each point"
     if out > MOST_OUT * len(good):
         raise table.error(f"{text}; {help_}")
     return [f"{text}; where {help_}"]

@@ -11,7 +11,8 @@ The next program subtracts the posterior mean of p, f and r, if cross-validation
 or noise alone explains the deviations. The band of the next part includes new realisations of g and o.
 
 Robot and force are nearly collinear on one path: each may stay uncertain although their sum is known well. The robot
-folder keeps their joint covariance (`LearnedForce.robot`) as the prior of the next part. The part-specific force has
+folder keeps their joint covariance (`LearnedForce.robot`) for other paths, and the joint posterior of this path
+(`compplan.learning.path_state`) as the prior of its next part. The part-specific force has
 the same slopes as the level common to all parts: only the prior separates the two, not the shape of the deviation.
 """
 
@@ -63,7 +64,6 @@ class UpdateState:
     physics: Array  #: Motion of the tip due to the parameters. Shape (k, 3). [m]
     pushed: Array  #: Motion of the tip due to the force. Shape (k, 3). [m]
     residual: Array  #: Residual of the path. Shape (k, 3). [m]
-    weight: Array  #: Kernel weights of the residual. Shape (k, 3). [1/m]
     tip: Array  #: Covariance of the repeatable deviation. Shape (3 k, 3 k). [m^2]
 
 
@@ -73,6 +73,7 @@ class ModelUpdate(UpdateState):
 
     taken: bool  #: Whether a corrected program is written.
     reason: str  #: Reason of that decision.
+    next_part: Array  #: Covariance of the tip on the next part. Shape (k, 3, 3). [m^2]
     band_before: Array  #: Radius that contains the true tip with 95 % probability, before. Shape (k,). [m]
     band_after: Array  #: The same for the next part. Shape (k,). [m]
     #: Both bands in the measured directions, at the rows of `gathered`. Shape (b,) each. [m]
@@ -82,11 +83,6 @@ class ModelUpdate(UpdateState):
     held_out: float  #: Root mean square deviation after correction, in cross-validation. [m]
     expected: float  #: Expected root mean square deviation of the next part. [m]
     model: UpdateModel  #: Prior model with the selected residual.
-
-    def residual_at(self, place: Array, tip: Array) -> Array:
-        """Evaluate the residual at positions (n, 3) [m]; tip: positions at the rows of the path, (k, 3) [m]."""
-        shape = np.exp(-0.5 * (cdist(place, tip) / self.model.scale) ** 2)
-        return np.asarray(self.model.size**2 * shape @ self.weight)
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,10 +115,19 @@ class UpdateModel:
         return columns, force, field + near * np.outer(local, local)
 
 
+def start_model(slopes: Slopes, known: Uncertainty, own: PartTerms) -> UpdateModel:
+    """Return the prior model with the robot's unexplained deviation as residual.
+
+    A path with the posterior of an earlier part includes that deviation.
+    """
+    size = max(known.smooth, LEAST) if slopes.beyond is None else LEAST
+    return UpdateModel(slopes, known, own, size, known.scale)
+
+
 def expect_deviations(slopes: Slopes, known: Uncertainty, gathered: Gathered, own: PartTerms) -> Array:
     """Return the prior covariance of the points: robot, force, clamping, instrument. Shape (3 b, 3 b). [m^2]"""
     k, b = len(slopes.rows), len(gathered.row)
-    prior = prior_of(UpdateModel(slopes, known, own, max(LEAST, known.smooth), known.scale))
+    prior = prior_of(start_model(slopes, known, own))
     run = (known.repeatability or 0.0) * np.tile(np.eye(3), (k, 1))
     loose = np.hstack([own.part.reshape(3 * k, -1), run])
     rows = (3 * gathered.row[:, None] + np.arange(3)).ravel()
@@ -131,16 +136,12 @@ def expect_deviations(slopes: Slopes, known: Uncertainty, gathered: Gathered, ow
     return np.einsum("aij,ajbk,bkl->aibl", counts, every.reshape(b, 3, b, 3), counts, optimize=True).reshape(3 * b, -1)
 
 
-def learn_part(
-    slopes: Slopes, known: Uncertainty, gathered: Gathered, exact: Exact, own: PartTerms, min_size: float | None = None
-) -> ModelUpdate:
+def learn_part(slopes: Slopes, known: Uncertainty, gathered: Gathered, exact: Exact, own: PartTerms) -> ModelUpdate:
     """Compute the model update from a cut part by iterated linearisation.
 
-    slopes: linearised path as it was cut; exact: nonlinear motion of the tip due to parameters and force; min_size:
-    standard deviation per axis of the residual after an earlier update [m], or None.
+    slopes: linearised path as it was cut; exact: nonlinear motion of the tip due to parameters and force.
     """
-    width = max(known.smooth, LEAST) if min_size is None else min_size
-    _, model = choose_model(UpdateModel(slopes, known, own, width, known.scale), gathered)
+    _, model = choose_model(start_model(slopes, known, own), gathered)
     seen = np.sqrt(np.mean(np.sum(gathered.deviation**2, axis=1)))
     plain, state = gathered, condition(model, gathered)
     for _ in range(PASSES):
@@ -156,11 +157,11 @@ def learn_part(
     prior = prior_of(model)
     before = band_radius(_with_run(model, take_blocks(prior, k), own.following))
     seen_before, seen_after = (_band_seen(model, covariance, gathered) for covariance in (prior, state.tip))
-    following = _with_run(model, take_blocks(state.tip, k), own.following)
+    following = _with_run(model, take_blocks(state.tip if taken else prior, k), own.following)
     learned = vars(state) if taken else {**vars(state), "covariance": known.covariance}
     return ModelUpdate(
         **learned, taken=taken, reason=reason,
-        band_before=before, band_after=band_radius(following) if taken else before,
+        next_part=following, band_before=before, band_after=band_radius(following),
         band_seen=(seen_before, seen_after if taken else seen_before), gathered=plain, rms=float(seen), held_out=held,
         expected=float(np.sqrt(np.mean(np.trace(following, axis1=1, axis2=2)))), model=model,
     )  # fmt: skip
@@ -208,10 +209,13 @@ def condition(model: UpdateModel, gathered: Gathered) -> UpdateState:
     every = np.hstack([columns, force, own_columns[:, :1]])
     left = np.eye(every.shape[1]) - every.T @ H.T @ cho_solve(factor, H @ every)
     root, p = model.known.spread, columns.shape[1]
+    z, residual = columns.T @ weight, (field @ weight).reshape(-1, 3)
+    if model.slopes.beyond is not None:
+        residual = residual + model.slopes.beyond @ z
     tied, apart = model.slopes.tie or (np.zeros((force.shape[1], p)), np.eye(force.shape[1]))
     shares = np.hstack([tied, apart, np.zeros((len(apart), 1))])
     whole = shares[0] + np.r_[np.zeros(every.shape[1] - 1), model.own.ratio]
-    values, share = root @ columns.T @ weight, shares @ every.T @ weight
+    values, share = root @ z, shares @ every.T @ weight
     return UpdateState(
         values=values,
         force=share,
@@ -222,10 +226,29 @@ def condition(model: UpdateModel, gathered: Gathered) -> UpdateState:
         covariance=root @ left[:p, :p] @ root.T,
         physics=model.slopes.model @ values,
         pushed=model.slopes.shared @ share,
-        residual=(field @ weight).reshape(-1, 3),
-        weight=weight.reshape(-1, 3),
+        residual=residual,
         tip=prior - prior @ H.T @ cho_solve(factor, H @ prior),
     )
+
+
+def factor_posterior(model: UpdateModel, gathered: Gathered) -> tuple[Array, Array, Array]:
+    """Return a factor of the joint posterior covariance: rows of parameters, shares of the force, and deviation.
+
+    Shapes (p, r) [SI], (4, r) [prior standard deviations] and (3 k, r) [m].
+    """
+    columns, force, field = model.repeats()
+    _, H, own = _observe(model, gathered)
+    value, vector = np.linalg.eigh(field)
+    kept = value > 1e-12 * value.max(initial=0.0)
+    root, r, n = model.known.spread, columns.shape[1], int(kept.sum())
+    tied, apart = model.slopes.tie or (np.zeros((force.shape[1], r)), np.eye(force.shape[1]))
+    tip = np.hstack([columns, force, vector[:, kept] * np.sqrt(value[kept])])
+    seen = H @ tip
+    gain = seen.T @ np.linalg.solve(seen @ seen.T + own + 1e-18 * np.eye(len(own)), seen)
+    size, turn = np.linalg.eigh(np.eye(len(gain)) - 0.5 * (gain + gain.T))
+    left = turn * np.sqrt(np.maximum(size, 0.0))
+    shares = np.hstack([tied, apart, np.zeros((len(tied), n))])
+    return root @ left[:r], shares @ left, tip @ left
 
 
 def _log_evidence(model: UpdateModel, gathered: Gathered) -> float:

@@ -18,7 +18,15 @@ from compplan.io.tables import Table
 from compplan.job.job import Job
 from compplan.learning.gathered_points import Gathered, describe_whole, gather_points, measured_directions
 from compplan.learning.measured_path import MeasuredPath, match_points
-from compplan.learning.model_update import ModelUpdate, expect_deviations, learn_part, prior_of, take_blocks
+from compplan.learning.model_update import (
+    ModelUpdate,
+    expect_deviations,
+    factor_posterior,
+    learn_part,
+    prior_of,
+    take_blocks,
+)
+from compplan.learning.path_state import PathState, apply_state, compress_state, read_state
 from compplan.learning.representable import Learned, Residual, list_learned, read_residual, residual_file
 from compplan.learning.transfer import Transfer, TransferResult, build_part_terms, transfer_nothing, transfer_to_paths
 from compplan.measurement.distance import band_radius
@@ -37,7 +45,18 @@ from compplan.statics.ik import build_arm, solve_posture_near
 from compplan.toolpath.contact import turn_about_axis
 from compplan.toolpath.toolpath import Toolpath, interpolate
 from compplan.uncertainty.assumed import robot_uncertainty
-from compplan.uncertainty.band import PATHS, SEED, Slopes, draw_columns, linearise_path, widen_to_path
+from compplan.uncertainty.band import (
+    LEARNED,
+    OTHER_CAUSES,
+    PARTS,
+    PATHS,
+    SEED,
+    UNDETERMINED,
+    Slopes,
+    draw_columns,
+    linearise_path,
+    widen_to_path,
+)
 from compplan.uncertainty.sensitivities import (
     ForceSpread,
     apply_wrench_to_model,
@@ -77,6 +96,7 @@ class LearnedPart(Shown):
     before: Plan  #: The plan that was cut.
     after: Plan  #: The next plan.
     residual: Residual | None  #: Deviation beyond the robot model that the next program subtracts; None: none.
+    state: PathState | None  #: Joint posterior of robot, force and deviation of this path; None: nothing was learned.
     learned: tuple[Learned, ...]  #: Parameters with the greatest changes relative to their standard deviations.
     notes: tuple[str, ...]  #: Notes for the user, one sentence each.
     transfer: Transfer  #: Learned parameters that transfer to other paths.
@@ -89,6 +109,12 @@ class LearnedPart(Shown):
         length = np.interp(task.origin, np.arange(len(self.path)), self.path.arc_length)
         return np.asarray(task.position + (0.0 if self.residual is None else self.residual.at(length)))
 
+    @property
+    def widest_band(self) -> float:
+        """Return the 95 % band of the next part at the worst point of the path, as its plan states it. [m]"""
+        band = self.after.learned
+        return float(self.model_update.band_after.max()) if band is None else band.greatest
+
     def summary(self) -> list[tuple[str, str]]:
         """Return pairs of name and text: results of the model update, and the deviation predicted for the next part."""
         model_update, name = self.model_update, self.job.name or self.job.file.stem
@@ -100,7 +126,7 @@ class LearnedPart(Shown):
             rows += [
                 ("expected next", f"rms {format_length(model_update.expected)} in all directions, with a force that"
                                   " varies from part to part"),
-                ("95 % band", f"{format_length(float(model_update.band_after.max()))} at its widest, before "
+                ("95 % band", f"{format_length(self.widest_band)} at its widest, before "
                               f"{format_length(float(model_update.band_before.max()))}"),
             ]  # fmt: skip
         taken = "corrected program" if model_update.taken else "no correction"
@@ -145,12 +171,16 @@ class CutPath:
         return see_position(position, fit_displacement(tip_of(touch, every), moved))
 
 
-def linearise_cut(before: Plan, nominal: Toolpath, force: ForceSpread) -> CutPath:
-    """Linearise a path as it was cut, from its plan; nominal: the nominal path, base frame."""
+def linearise_cut(before: Plan, nominal: Toolpath, force: ForceSpread, state: PathState | None) -> CutPath:
+    """Linearise a path as it was cut, from its plan.
+
+    nominal: the nominal path, base frame; state: posterior of an earlier part of this path, or None.
+    """
     known, task = robot_uncertainty(before.robot), before.task
     scene = build_path_model(before.robot, before.q, task.wrench, task.step_time)
     length = np.interp(task.origin, np.arange(len(nominal)), nominal.arc_length)
     slopes = linearise_path(scene, known, force, task.cut, touched=task.touched)
+    slopes, known = apply_state(state, slopes, known, force, length[slopes.rows])
     return CutPath(scene, known, force, slopes, length, task.touched)
 
 
@@ -188,7 +218,7 @@ def learn_from_part(
     )  # fmt: skip
     announce("fit force and robot")
     whole = read_force_spread(job)
-    cut = linearise_cut(before, nominal, whole.of_all())
+    cut = linearise_cut(before, nominal, whole.of_all(), read_state(robot, job))
     slopes, known, length = cut.slopes, cut.known, cut.length[cut.slopes.rows]
     gathered, fitted = gather_points(matched, length), matched.motion is not None
     own = build_part_terms(job.noise, job.T_base_part[:3, 3], slopes, whole, fitted=fitted)
@@ -200,20 +230,21 @@ def learn_from_part(
     rigid, beyond = ("", False) if allowed else describe_whole(gathered, slopes.tip, job.T_base_part[:3, :3], expected)
     if beyond and align is None and not sure:
         raise points.error(f"{rigid}; was the part clamped elsewhere? {WHOLE_PART}")
-    model_update = learn_part(slopes, known, gathered, cut.exact, own, None if old is None else old.typical)
+    model_update = learn_part(slopes, known, gathered, cut.exact, own)
     taken = model_update.taken
     transfer = partial(transfer_to_paths, known=known, spread=whole) if taken else transfer_nothing
     others = transfer(job, robot, model_update)
-    residual = old
+    residual, state = old, None
     if taken:
-        residual, model_update = add_residual(old, model_update, cut, before.task, others)
+        residual, left, model_update = add_residual(old, model_update, cut, before.task, others)
+        state = keep_state(model_update, cut, length, others, left)
     announce("plan of the next part")
     job = job.with_context(force=(others.force,))
     after = plan_learned(job, others.robot, residual)[1] if taken else before
     after = with_band(after, model_update, slopes, known) if residual is not None else after
     return LearnedPart(
         job, robot, others.robot, model_update, matched, nominal, slopes, length, before, after,
-        residual, tuple(list_learned(known, model_update.values, others.held)),
+        residual, state, tuple(list_learned(known, model_update.values, others.held)),
         _list_notes(model_update, others.transfer, matched, nominal, rigid), others.transfer, others.force,
     )  # fmt: skip
 
@@ -293,12 +324,12 @@ def keep_posture(task: PlanTask, residual: Residual, length: Array) -> PlanTask:
 
 def add_residual(
     old: Residual | None, model_update: ModelUpdate, cut: CutPath, task: PlanTask, others: TransferResult
-) -> tuple[Residual, ModelUpdate]:
+) -> tuple[Residual, Array, ModelUpdate]:
     """Add to the residual of a path: the deviation by the update minus that by the transferred robot and force.
 
     The residual changes only at measured places in measured directions: elsewhere it would extrapolate. The transferred
-    robot and force are supported by cross-validation and act everywhere. The band of the returned update includes the
-    part that is not subtracted.
+    robot and force are supported by cross-validation and act everywhere. Also returns the deviation that is expected
+    but not subtracted, at the rows of the slopes, (k, 3) [m]; the band of the returned update includes it.
 
     old: residual before, or None; others: transferred robot and force.
     """
@@ -306,35 +337,63 @@ def add_residual(
     length, at = cut.length[rows], cut.length[slopes.rows]
     before = np.zeros((len(rows), 3)) if old is None else old.at(length)
     moved = cut.tip(model_update.values, model_update.force, rows) - cut.tip(others.held, others.shares, rows)
-    own = moved + model_update.residual_at(task.position[rows], slopes.tip)
+    own = moved + interpolate(length, at, model_update.residual)
     known = measured_directions(model_update.gathered, slopes.tip, task.position[rows])
     taken = np.einsum("nij,nj->ni", known, own)
-    left = np.interp(at, length, np.linalg.norm(own - taken, axis=1))
+    left = interpolate(at, length, own - taken)
+    rms = float(np.sqrt(np.mean(np.sum(left**2, axis=1))))
     model_update = replace(
-        model_update,
-        band_after=model_update.band_after + left,
-        expected=float(np.hypot(model_update.expected, np.sqrt(np.mean(left**2)))),
+        model_update, band_after=band_radius(model_update.next_part, mean=left),
+        expected=float(np.hypot(model_update.expected, rms)),
+    )  # fmt: skip
+    return Residual(length, before + taken, task.q_start[rows]), left, model_update
+
+
+def keep_state(
+    model_update: ModelUpdate, cut: CutPath, length: Array, others: TransferResult, left: Array
+) -> PathState:
+    """Return what the next part of a path starts from: the posterior, and what neither folder nor program take over.
+
+    The means of parameters and force that the folder does not hold are in the program. That share of the deviation may
+    be of another cause: the means count as one more standard deviation, with the deviation left in the program.
+
+    length: arc length at the rows of the slopes, (k,) [m]; left: deviation that is not subtracted, (k, 3) [m].
+    """
+    parameters, shares, deviation = factor_posterior(model_update.model, model_update.gathered)
+    missed = model_update.values - others.held, model_update.force - others.shares, left.ravel()
+    parameters, shares, deviation = (
+        np.column_stack(pair) for pair in zip((parameters, shares, deviation), missed, strict=True)
     )
-    spread = np.interp(length, at, np.minimum(model_update.band_after / 2.8, max(model_update.model.size, 1e-7)))
-    return Residual(length, before + taken, spread, task.q_start[rows]), model_update
+    size = np.array([cut.force.level, *[cut.force.direction] * 3])
+    size[0] /= 1.0 + size[0] * others.shares[0]  # relative to the level of the next program
+    return compress_state(
+        PathState(cut.known.names, length, parameters, size[:, None] * shares, deviation.reshape(len(length), 3, -1))
+    )
 
 
 def with_band(plan: Plan, model_update: ModelUpdate, slopes: Slopes, known: Uncertainty) -> Plan:
-    """Add the band of the update to a plan: the band of this path is narrower than that of the robot elsewhere."""
+    """Add the band of the update to a plan: the band of this path is narrower than that of the robot elsewhere.
+
+    What repeats from part to part, such as inertia, is in the measured part, hence in the posterior.
+    """
     error_band = plan.error_band
     if error_band is None:
         return plan
-    n = len(plan.task)
+    n, own = len(plan.task), model_update.model.own.following
     rows = slopes.rows * (n - 1) / max(len(error_band.cut) - 1, 1)
-    radius = np.interp(np.arange(n), rows, model_update.band_after)
-    own = model_update.model.own.following
-    force = band_radius(own[:, :, :1] @ np.swapaxes(own[:, :, :1], 1, 2))
-    parts = {**error_band.parts, "model": radius, "unexplained": np.zeros(n)}
-    parts["force"] = np.interp(np.arange(n), rows, force)
-    better = replace(error_band, radius=radius + plan.after.distance, parts=parts, known=known, before=None,
-                     ladder=(), cheapest=())  # fmt: skip
+    tip = model_update.tip if model_update.taken else prior_of(model_update.model)
+    pushed, placed = (part @ np.swapaxes(part, 1, 2) for part in (own[:, :, :1], own[:, :, 1:]))
+    spread = {"model": take_blocks(tip, len(own)), "force": pushed, "placement": placed}
+    radii = {name: np.interp(np.arange(n), rows, band_radius(part)) for name, part in spread.items()}
+    parts = {name: radii.get(name, np.zeros(n)) for name in PARTS}
+    parts["repeatability"] = error_band.parts["repeatability"]
+    radius = np.interp(np.arange(n), rows, model_update.band_after) + plan.after.distance
+    known = replace(known, grade="measured", source=f"{known.source}; {LEARNED}")
+    better = replace(error_band, radius=radius, parts=parts, known=known, before=None, ladder=(), cheapest=())
+    names = {**OTHER_CAUSES, "model": UNDETERMINED}
+    better = replace(better, causes={names[name]: float(part[better.widest]) for name, part in parts.items()})
     run = np.broadcast_to((known.repeatability or 0.0) * np.eye(3), (len(own), 3, 3))
-    value, vector = np.linalg.eigh(model_update.tip if model_update.taken else prior_of(model_update.model))
+    value, vector = np.linalg.eigh(tip)
     repeats = (vector * np.sqrt(np.maximum(value, 0.0))).reshape(len(own), 3, -1)
     normal = np.random.default_rng(SEED).standard_normal((3 * len(own), PATHS))
     drawn = draw_columns(np.concatenate([repeats, own, run], axis=2), normal)

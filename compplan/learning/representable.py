@@ -148,13 +148,7 @@ class Residual:
 
     length: Array  #: Arc length along the path. Shape (b,). [m]
     deviation: Array  #: Deviation, base axes. Shape (b, 3). [m]
-    spread: Array  #: Standard deviation of the deviation per axis. Shape (b,). [m]
     q: Array  #: Joint positions, unloaded on the path. Shape (b, nq). [rad or m]
-
-    @property
-    def typical(self) -> float:
-        """Return the mean standard deviation of the deviation per axis. [m]"""
-        return float(np.mean(self.spread))
 
     def at(self, length: Array) -> Array:
         """Interpolate the deviation at arc lengths (n,) [m]. Shape (n, 3). [m]."""
@@ -174,12 +168,12 @@ def read_residual(file: Path | None, robot: Robot) -> Residual | None:
     """
     if file is None or not file.exists():
         return None
-    columns = [FileColumn(name, "length", required=True) for name in ("s", "dx", "dy", "dz", "sigma")]
+    columns = [FileColumn(name, "length", required=True) for name in ("s", "dx", "dy", "dz")]
     for number, slides in enumerate(robot.prismatic, 1):
         columns.append(FileColumn(f"q{number}", "length" if slides else "angle", required=True))
     table = read_table(file, columns)
     length = table.values["s"]
     if not len(length) or (np.diff(length) < 0).any():
-        raise table.error("s_mm has to rise from row to row, and there has to be one")
+        raise table.error("s_mm must rise from row to row, with at least one row")
     joints = table.stack([f"q{number}" for number in range(1, robot.nq + 1)])
-    return Residual(length, table.stack(["dx", "dy", "dz"]), table.values["sigma"], joints)
+    return Residual(length, table.stack(["dx", "dy", "dz"]), joints)

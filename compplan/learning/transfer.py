@@ -25,7 +25,7 @@ from compplan.robot.pose import rigid_columns
 from compplan.robot.uncertainty import Uncertainty
 from compplan.uncertainty.band import Slopes
 from compplan.uncertainty.sensitivities import ForceSpread
-from compplan.uncertainty.touch_off import spread_placement
+from compplan.uncertainty.touch_off import spread_placement, states_placement
 
 #: Prior standard deviation per axis of the placement of a best-fitted part: practically unknown. [m]
 FITTED = 0.01
@@ -83,7 +83,9 @@ def build_part_terms(
     tip = slopes.tip
     ratio = spread.scatter / spread.common if spread.common > 0.0 else 0.0
     force = ratio * slopes.shared[:, :, :1]
-    moved = clamped = spread_placement(noise, slopes.touched, tip, origin)
+    moved = clamped = np.zeros((len(tip), 3, 0))  # the error of an absolute frame is common to all parts
+    if slopes.touched is not None or states_placement(noise):
+        moved = clamped = spread_placement(noise, slopes.touched, tip, origin)
     if fitted:
         free = FITTED, FITTED / max(float(np.ptp(tip, axis=0).max()), 1e-3)
         moved = rigid_columns(tip, tip.mean(axis=0)) * np.repeat(free, 3)

@@ -64,7 +64,7 @@ def check_campaign(campaign: Campaign, robot: Robot, table: Table) -> Campaign:
         row = int(np.flatnonzero(wrong)[0])
         said = _describe(about, campaign, robot, row)
         if wrong.sum() > max(1, OUTLIERS * len(campaign)) or wrong.all():
-            raise table.error(f"{said}, and so in {wrong.sum()} of {len(campaign)} rows", row)
+            raise table.error(f"{said}, likewise in {wrong.sum()} of {len(campaign)} rows", row)
         notes.append(f"line {table.lines[row]}: {said}; left out as an outlier")
         bad |= wrong
     if bad.any():
@@ -103,7 +103,7 @@ def check_runs(campaign: Campaign) -> None:
     """Reject a log with too few usable rows, or with a separate run label in every row."""
     n, usable = len(campaign), int(campaign.usable.sum())
     if usable < LEAST_ROWS:
-        message = f"{usable} rows have joints, load and position, expected at least {LEAST_ROWS}"
+        message = f"{usable} rows have joints, load and position, a fit needs {LEAST_ROWS}; add poses"
         raise InputError(message, file=campaign.file)
     if n > 3 and len(np.unique(campaign.run)) == n:
         message = f"column 'run' has {n} labels in {n} rows; rows of one run were taken without a break"

@@ -180,7 +180,7 @@ def _drop_undetermined(
         return observations, []
     one = int(np.argmax(lonely))
     few = f"contact {observations.names[one]!r} is in {rows[one]} row{'' if rows[one] == 1 else 's'}, expected at least"
-    few = f"{few} {least[one]}: as many as its unknown place takes, and one more"
+    few = f"{few} {least[one]}: as many as its unknown place needs, and one more"
     out = np.append(lonely, False)[observations.contact]
     if not (observations.observed & ~out).any() and not measured.any():
         raise table.error(few, int(np.flatnonzero(observations.contact == one)[0]))

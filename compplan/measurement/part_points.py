@@ -92,7 +92,7 @@ def is_scanned(table: Table) -> bool:
 
 
 def find_repeated_points(table: Table) -> NDArray[np.bool_]:
-    """Find points that repeat an earlier row exactly; none among probe readings, equal by rounding. Shape (m,)."""
+    """Mark points that repeat an earlier row exactly, but no probe readings, which rounding makes equal. Shape (m,)."""
     if "reading" in table:
         return np.zeros(len(table), bool)
     values = np.stack([np.nan_to_num(column, nan=np.inf) for column in table.values.values()], axis=1)

@@ -92,7 +92,7 @@ def take_greedily(worth: Gains, count: int) -> list[int]:
 
 
 def offer_once(worth: Gains, group: NDArray[np.int_]) -> Gains:
-    """Return gains that offer one candidate of each group only; group: that of each candidate. Shape (m,)."""
+    """Restrict gains to one candidate per group, -inf for the others; group: of each candidate. Shape (m,)."""
     return lambda taken: np.where(np.isin(group, group[taken]), -np.inf, worth(taken))
 
 

@@ -144,6 +144,9 @@ def _iterate_loads(
         if strategy == "nlp" and (coupled or not command.nlp):
             progress("compensation: nonlinear program")  # for the loads at the fixed point
             command = nlp.command_path(driven, command)
+            if masses is not None and task.redundant:  # the program may turn the tool about its axis
+                driven = _load_by_motion(driven, timing.time, command.q, masses)
+                command = nlp.correct_command(driven, command)
             timing = state_timing(driven, command.q, time_between_cuts(driven, command.q, timing.time))
             found = replace(found, command=command, timing=timing, between=measure_between(driven, command.q))
         return replace(found, executed=evaluate_executed(found.task, found.command.q, found.timing.time, output))
@@ -153,10 +156,13 @@ def _load(task: PlanTask, timing: Timing, q: Array, masses: Chain | None) -> Pla
     """Return the task with the force at the actual feed and the inertia of the commanded motion."""
     loads = predict_loads(task, _moving_feed(task, timing)) if task.follows_feed else task.wrench
     changed = replace(task, wrench=loads, bias=None)
-    if masses is None:
-        return changed
-    changed = replace(changed, links=follow_links(task, q))
-    return replace(changed, bias=plan_loads(changed, time_between_cuts(task, q, timing.time), masses))
+    return changed if masses is None else _load_by_motion(changed, timing.time, q, masses)
+
+
+def _load_by_motion(task: PlanTask, time: Array, q: Array, masses: Chain) -> PlanTask:
+    """Return the task with the inertia of a commanded motion q (n, nq) [rad or m] at times (n,) [s]."""
+    changed = replace(task, links=follow_links(task, q))
+    return replace(changed, bias=plan_loads(changed, time_between_cuts(task, q, time), masses))
 
 
 def _divide(

@@ -1,10 +1,12 @@
 """Time and widest 95 % band of uncorrected runs with vibration, and runs slowed to vibrate less.
 
 A run is slowed where the arm vibrates most, but takes no longer than a reference run. With f_i the slowdown factor at
-waypoint i, the part of the band due to vibration falls about with f_i^2. The factors follow a target B of the band,
-which is found by bisection between runs that take too long and runs that do not:
+waypoint i, the part of the band due to vibration falls about with f_i^2:
 
-    f_i <- max(1, f_i (v_i / sqrt(B^2 - s_i^2))^g),    v the band due to vibration, s the band due to other causes.
+    f_i <- max(1, f_i sqrt(v_i / sqrt(B^2 - s_i^2))),    v the band due to vibration, s the band due to other causes.
+
+B is the least band that the time of the run allows. This time increases from run to run up to that of the reference:
+the runs are a front of time and band, from which `choose_run` takes one.
 """
 
 from __future__ import annotations
@@ -40,12 +42,12 @@ BAND_ROWS = 120
 ROUNDS, WORK = 14, 40_000
 #: Least spare time for slowed runs, as a share of the reference time.
 SPARE = 1e-3
-#: Ratio of successive targets until a run takes too long, and least share of a target reserved for vibration.
-LOWER, LEAST_SHARE = 0.86, 0.2
-#: Ratio of targets at which the bisection ends.
-NEAR = 1.02
-#: Exponent g, and the least and greatest change of a factor in one round.
-GAIN, EASIER, SLOWER = 0.6, 0.9, 1.4
+#: Share of the spare time that the first slowed run uses, and number of last runs that use all of it.
+FIRST_USE, LAST_RUNS = 0.5, 4
+#: Least share of a band reserved for vibration, and greatest band tried, as a multiple of that of a run.
+LEAST_SHARE, WIDEST = 0.2, 4.0
+#: Least and greatest change of a factor from run to run.
+EASIER, SLOWER = 0.9, 1.4
 
 
 class TimedStart(NamedTuple):
@@ -89,12 +91,13 @@ def measure_runs(
     try:
         whole = resolve_starts(request.state(start)) if known is None else known.task
         task, spare = replace(whole, smoothing=window * whole.smoothing), (1.0 - SHORT) * smoothing_time(whole)
-        slower, target, rows = np.ones(len(task)), np.inf, pick_rows(task.cut, BAND_ROWS)
-        in_time, low, high = (slower, slower, slower), 0.0, np.inf if reference is None else reference.band
+        slower, rows = np.ones(len(task)), pick_rows(task.cut, BAND_ROWS)
         dynamics, offset = build_dynamics(task.robot), task.position[rows] - task.programmed[rows]
         covariance = spread_tip(task, request.force) if known is None else known.static_covariance
         static_band = band_radius(covariance, mean=offset)
-        for count in range(1 if reference is None else max(min(ROUNDS, WORK // len(task)), 1)):
+        late = predicted = 0.0  # time of a run beyond its prediction
+        rounds = 1 if reference is None else max(min(ROUNDS, WORK // len(task)), 1)
+        for count in range(rounds):
             eased = start if count == 0 and window == 1.0 else replace(
                 start, slowdown=Slowdown(window, task.origin, slower))  # fmt: skip
             run = replace(task, start=eased)
@@ -105,20 +108,14 @@ def measure_runs(
                                     time))  # fmt: skip
             if reference is None or not vibration.any():
                 break
-            if count % 2 == 0:  # after two rounds the run is near its target; its time decides the bisection
-                late = time[-1] > reference.time
-                if count == 0 and time[-1] > (1.0 - SPARE) * reference.time:
-                    break
-                low, high = (target, high) if late else (low, min(target, found[-1].band))
-                in_time = in_time if late else (slower, band, time)
-                slower, band, time = in_time
-                if high < NEAR * low:
-                    break
-                target = 0.5 * (low + high) if low > 0.0 else LOWER * high
-            allowed = np.sqrt(np.maximum(target**2 - static_band**2, (LEAST_SHARE * target) ** 2))
-            use = np.sqrt(np.maximum(band**2 - static_band**2, 0.0)) / allowed
-            wide = _widen(np.interp(np.arange(len(task)), rows, use), time, task.smoothing)
-            slower = np.maximum(slower * np.clip(wide**GAIN, EASIER, SLOWER), 1.0)
+            if count == 0 and time[-1] > (1.0 - SPARE) * reference.time:
+                break
+            late += time[-1] - predicted if count else 0.0
+            used = min(FIRST_USE + (1.0 - FIRST_USE) * count / max(rounds - LAST_RUNS, 1), 1.0)
+            goal = (1.0 - used) * found[0].time + used * (1.0 - 0.5 * SPARE) * reference.time
+            factor, _ = _find_factors(found[-1], goal - late, np.maximum(1.0 / slower, EASIER), SLOWER)
+            predicted = time[-1] + np.gradient(time) @ (factor - 1.0) + late
+            slower = slower * factor
     except ConvergenceError:
         pass
     return found
@@ -181,22 +178,30 @@ def choose_run(preset: str, runs: list[TimedStart], base: TimedStart) -> TimedSt
 
 
 def band_at_time(run: TimedStart, base: TimedStart) -> float:
-    """Estimate the band of a run that is slowed to the time of the base; infinite if the run cannot be that short. [m]
-
-    The slowdown factors are those of a target band that takes the time of the base.
-    """
+    """Estimate the band of a run slowed to the time of the base; infinite if the run cannot be that short. [m]"""
     if run.time - run.spare > base.time:
         return np.inf
+    return _find_factors(run, base.time, min(base.time / run.time, 1.0))[1]
+
+
+def _find_factors(run: TimedStart, time: float, least: Array | float, most: float = np.inf) -> tuple[Array, float]:
+    """Find changes of the slowdown factors within bounds for the least band of a run that takes a time [s].
+
+    Returns the changes, shape (n,), and the band [m].
+    """
     rows, share = pick_rows(run.task.cut, BAND_ROWS), np.gradient(run.passing)
-    vibration = np.maximum(run.bands**2 - run.static_bands**2, 0.0)
-    least, low, high = min(base.time / run.time, 1.0), run.static_band, run.band * max(run.time / base.time, 1.0) ** 2
+    vibration, every = np.maximum(run.bands**2 - run.static_bands**2, 0.0), np.arange(len(share))
+
+    def slow(band: float) -> Array:
+        allowed = np.maximum(band**2 - run.static_bands**2, (LEAST_SHARE * band) ** 2)
+        use = np.interp(every, rows, (vibration / allowed) ** 0.25)
+        return np.clip(_widen(use, run.passing, run.task.smoothing), least, most)
+
+    low, high = run.static_band, WIDEST * run.band
     while high - low > 1e-3 * high:
-        target = 0.5 * (low + high)
-        allowed = np.maximum(target**2 - run.static_bands**2, (LEAST_SHARE * target) ** 2)
-        use = np.interp(np.arange(len(share)), rows, (vibration / allowed) ** 0.25)
-        slower = np.maximum(_widen(use, run.passing, run.task.smoothing), least)
-        low, high = (low, target) if run.time + share @ (slower - 1.0) <= base.time else (target, high)
-    return high
+        band = 0.5 * (low + high)
+        low, high = (low, band) if run.time + share @ (slow(band) - 1.0) <= time else (band, high)
+    return slow(high), high
 
 
 def compute_gain(preset: str, run: TimedStart, base: TimedStart) -> float:

@@ -67,6 +67,7 @@ class PlanOptions:
     #: Allowed offset from the path, as a share of the tolerance, for a shorter run or a narrower band.
     tube: float = 0.0
     touch: TouchOff | None = None  #: Measurement of the part by touching it with the robot; None: absolute frame.
+    part_origin: Array | None = None  #: Origin of the part frame; None: the middle of the path. Shape (3,). [m]
 
 
 def plan_job(job: Job, *, progress: Callable[[str], None] = lambda text: None) -> Plan:
@@ -203,6 +204,7 @@ def _state_task(robot: Robot, chain: Chain, options: PlanOptions, start: Start) 
         smoothing=window * choose_smoothing(robot, select_even(start.q, 5)),
         chord=0.1 * options.tolerance if options.chord is None else options.chord,
         touched=None if options.touch is None else touch_part(robot, nominal, start.rotation, start.q, options.touch),
+        part_origin=options.part_origin,
     )  # fmt: skip
     sided = robot if nominal.rapid[0] else state_sides(robot, start.q)  # a rapid move determines the side
     task = replace(task, wrench=predict_loads(task), robot=sided)
@@ -241,4 +243,5 @@ def read_options(job: Job, robot: Robot) -> PlanOptions:
         tube=job.tolerance.tube,
         chord=None if job.sampling.chord_mm is None else job.sampling.chord_mm * 1e-3,
         touch=read_touch(job) if job.part.touched_off else None,
+        part_origin=job.T_base_part[:3, 3],
     )

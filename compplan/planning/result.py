@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from copy import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -15,6 +15,7 @@ from compplan.io.notes import Stop, list_stops
 from compplan.io.provenance import describe_origin
 from compplan.io.quantities import format_length, format_number
 from compplan.job.job import Job
+from compplan.job.noise import NoiseTable
 from compplan.planning.approach import AuxiliaryMotion
 from compplan.planning.checks import STOP, Check
 from compplan.planning.executed import ExecutedPath
@@ -29,7 +30,7 @@ from compplan.statics.chain import locate_frames
 from compplan.uncertainty.band import ErrorBand, estimate_band
 from compplan.uncertainty.motion import Motion, greatest_shift
 from compplan.uncertainty.sensitivities import build_path_model, read_force_spread
-from compplan.uncertainty.touch_off import read_touch, spread_placement, touch_part
+from compplan.uncertainty.touch_off import describe_placement, read_touch, touch_part
 
 #: Most limits listed in a sentence.
 LISTED = 3
@@ -125,7 +126,7 @@ class Plan(Shown):
         task = self.task
         bow = max(self.between.max_deviation - self.after.max_deviation, 0.0)
         scene = build_path_model(task.robot, self.q, task.wrench, task.step_time)
-        noise = None if self.job is None else self.job.noise
+        noise = NoiseTable() if self.job is None else self.job.noise
         left, output = self.after.distance, None if self.job is None else self.job.output
         if self.executed is not None:
             left = np.maximum(left, self.executed.near)
@@ -133,18 +134,17 @@ class Plan(Shown):
             left = left + task.nominal.rounded
         if output is not None and output.programs and output.form != "joint" and self.executed is None:
             bow += output.bound_fit(task.tolerance)
-        origin = np.zeros(3) if self.job is None else self.job.T_base_part[:3, 3]
-        part = spread_placement(noise, task.touched, task.position, origin)
         touchable = None
         if task.touched is None and self.job is not None:
             touchable = touch_part(task.robot, task.nominal, task.rotation, task.q_start, read_touch(self.job))
         try:
-            return estimate_band(task.robot, scene, task.cut, read_force_spread(self.job), left=left,
-                                between=bow, motion=self.motion, part=part, touched=task.touched,
+            band = estimate_band(task.robot, scene, task.cut, read_force_spread(self.job), left=left,
+                                between=bow, motion=self.motion, part=task.spread_part(noise), touched=task.touched,
                                 touchable=touchable, uncorrected=self.before.deviation,
                                 written=left - self.after.distance, tolerance=task.tolerance)  # fmt: skip
         except ConvergenceError:
             return None
+        return replace(band, assumed=(*band.assumed, *describe_placement(noise, task.touched)))
 
     @cached_property
     def verdict(self) -> ToleranceVerdict:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from compplan.controllers.writers.joint_convention import controller_robot
 from compplan.effects.attained import attain_with_effects
 from compplan.effects.transmission_error import weigh_joints
+from compplan.job.noise import NoiseTable
 from compplan.planning.posture.summary import Start
 from compplan.process.force_law import ForceLaw
 from compplan.robot import Array, Robot
@@ -23,7 +24,7 @@ from compplan.statics.chain import Chain, joint_jacobian, locate_frames
 from compplan.statics.ik import build_arm, refine_ik
 from compplan.statics.stiffness import AttainedPose, attain_pose, chunk_rows
 from compplan.toolpath.toolpath import Toolpath, interpolate, select_even
-from compplan.uncertainty.touch_off import TouchedPart
+from compplan.uncertainty.touch_off import TouchedPart, spread_placement
 
 #: Smoothing time of the motion without a known natural frequency. [s]
 SMOOTHING = 0.05
@@ -80,6 +81,7 @@ class PlanTask:
     #: Part frame measured by touching with the robot; None if absolute. Loaded poses are relative to the measured
     #: frame (`to_part_frame`).
     touched: TouchedPart | None = None
+    part_origin: Array | None = None  #: Origin of the part frame; None: the middle of the path. Shape (3,). [m]
 
     def __post_init__(self) -> None:
         shape = (len(self.nominal), self.chain.n_springs)
@@ -133,6 +135,11 @@ class PlanTask:
     def gentle_time(self) -> float:
         """Least duration of a move that loads or unloads the tool at rest. [s]"""
         return PERIODS * self.smoothing
+
+    def spread_part(self, noise: NoiseTable) -> Array:
+        """Return the motion of the part by one deviation of its placement (`spread_placement`). Shape (n, 3, 6). [m]"""
+        origin = self.position.mean(axis=0) if self.part_origin is None else self.part_origin
+        return spread_placement(noise, self.touched, self.position, origin)
 
     def to_part_frame(self, position: Array) -> Array:
         """Return positions of the loaded tip relative to the measured part frame. Shape (n, 3). [m]"""

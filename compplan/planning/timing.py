@@ -317,14 +317,14 @@ def time_cut(
         more = torques(rate, change)
         rows = [np.hstack([row, part]) for row, part in zip(rows, more, strict=True)]
         if (np.abs(more[2]) >= more[3]).any():
-            raise ConvergenceError("no run along the path keeps the joint torques even at rest", residual=np.nan)
+            raise ConvergenceError("the joint torques exceed their limits even at rest", residual=np.nan)
     *rows, bound = rows
     grid, limit, algorithm = _toppra()
     rule = limit([row / bound for row in rows], np.column_stack([np.zeros(len(along)), fastest]))
     problem = algorithm([rule], grid(along, along[:, None]), gridpoints=along, solver_wrapper="seidel")
     found = problem.compute_parameterization(0.0, 0.0)
     if found is None or found[1] is None or not np.isfinite(found[1]).all():
-        raise ConvergenceError("no run along the path keeps the joint rates from rest to rest", residual=np.nan)
+        raise ConvergenceError("no timing of the path keeps the joint rate limits", residual=np.nan)
     speed = np.maximum(np.asarray(found[1], float), 0.0)
     speed[[0, -1]] = 0.0
     return speed

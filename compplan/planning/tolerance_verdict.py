@@ -17,14 +17,16 @@ from numpy.typing import NDArray
 
 from compplan.io.quantities import join_names, state_mm
 from compplan.planning.task import CORRECTION_LIMIT, PlanTask
+from compplan.process.learned_force import FILE as PROCESS
 from compplan.robot import Array, Robot
-from compplan.uncertainty.band import CAUSES, ErrorBand
+from compplan.uncertainty.band import CAUSES, LEARNED, UNDETERMINED, ErrorBand
 from compplan.uncertainty.ladder import DO, SHORT
 
 FORCE, INERTIA = "process force", "inertia and vibration"
 #: Values of the verdict.
 KEEPS, MAY_NOT_KEEP, NOT_KNOWN = "keeps", "may_not_keep", "not_known"
 MEASURE = "Measure the robot: compplan campaign JOB --poses 12 --out poses."
+NEXT_PART = "Measure the next part, too: compplan learn JOB MEASURED."
 LET_COMPENSATE = "Let the plan compensate it: [plan] inertia = true."
 #: Cause and remedy of a program without correction.
 UNCORRECTED, CORRECT = 'the program is not corrected (plan.strategy = "none")', 'Correct it: plan.strategy = "nlp".'
@@ -41,6 +43,7 @@ CHANGES = {
     FORCE: "Measure the process force and write its uncertainty into the job: [noise] wrench_level.",
     INERTIA: "Lower the feed.",
     "place of the part": "Measure where the part is: [noise] part_frame_mm, part_frame_deg.",
+    UNDETERMINED: NEXT_PART,
     "repeatability": "Allow more than {band}, or take a robot that repeats better.",
 }
 
@@ -181,12 +184,18 @@ def find_change(error_band: ErrorBand, cause: str, *, compensates: bool = True) 
         return f"Reduce the force, or {allow}." if cause in ELASTIC else f"A{allow[1:]}; less force helps little."
     if cause == INERTIA and not compensates:
         return LET_COMPENSATE
+    if cause == FORCE and error_band.force.source.startswith(PROCESS):
+        return NEXT_PART
     return CHANGES.get(cause, MEASURE).format(band=state_mm(error_band.whole))
 
 
 def describe_basis(error_band: ErrorBand) -> str:
     """State whether robot and force are measured or assumed."""
+    if LEARNED in error_band.known.source:
+        return f"robot and force {LEARNED}"
     robot = "measured" if error_band.known.grade == "measured" else "assumed, not measured"
+    if error_band.force.source.startswith(PROCESS):
+        return f"robot {robot}; force learned from measured parts"
     if not np.any(error_band.parts["force"]):
         return f"robot {robot}; cutting force left out ([process] adds it)"
     if "assumed" not in error_band.force.source:
@@ -201,8 +210,6 @@ def list_left_out(robot: Robot, error_band: ErrorBand | None, *, inertia_known: 
         left_out.append("path errors of the controller (no trace of it)")
     if not inertia_known:
         left_out.append("inertia and vibration of the arm (no masses, or no springs)")
-    if error_band is None or not error_band.parts["placement"].any():
-        left_out.append("place of the part ([noise] part_frame_mm states none)")
     return (*left_out, "ringing after rapid moves", "bending of the cutter", "chatter", "warming up")
 
 

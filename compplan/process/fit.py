@@ -181,9 +181,9 @@ def fit_forces(log: ForceLog, law: ForceLaw, nominal: Toolpath, file: Path) -> F
     value = np.append(value, lag)
     covariance, unseen = _jackknife(matrix, measured / scale, len(s))
     if unseen < EXPLAINED:
-        message = (f"the prediction explains {100 * max(unseen, 0.0):.0f} % of the log at no lag within "
-                   f"{1e3 * most:.3g} mm; check that job and log are of the same cut, the frame of the force, and "
-                   f"{'t_s' if log.timed else 's_mm'}")  # fmt: skip
+        message = (f"the prediction explains {100 * max(unseen, 0.0):.0f} % of the log, {100 * EXPLAINED:.0f} % needed "
+                   f"(tried lags: {1e3 * most:.3g} mm); check that job and log are of the same cut, the frame of the "
+                   f"force, and {'t_s' if log.timed else 's_mm'}")  # fmt: skip
         raise InputError(message, file=file)
     sigma = np.sqrt(np.diag(covariance))
     # the position of a jump of force is not known better than a row of the log

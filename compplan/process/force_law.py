@@ -190,8 +190,8 @@ def _check_travel(frame: Frame, wrench: Array, nominal: Toolpath) -> None:
         return
     if not (cut & (lateral_share(nominal) > ASIDE)).any():
         message = (
-            "the force has a part along or beside the travel, and no cutting move goes across the tool axis: it has no "
-            'direction; for drilling give model = "drill", or a constant force with frame = "part"'
+            "the force has a component along or across the travel, but no cutting move goes across the tool axis, so "
+            'its direction is not defined; for drilling give model = "drill", or a constant force with frame = "part"'
         )
         raise InputError(message, where="process")
 

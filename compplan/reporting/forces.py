@@ -122,7 +122,8 @@ def write_level(found: ForcePrediction, file: Path) -> None:
         raise InputError("no robot.urdf beside it: write process.toml into the folder of a robot", file=file)
     process, (level, sigma) = found.job.process, found.fit.ratio
     if not 0.0 < level <= MOST_LEVEL:
-        raise InputError(f"the log's force is {level:.3g} times the predicted one, above 0 is allowed", file=file)
+        fault = f"the measured force is {level:.3g} times the predicted one, expected 0 to {MOST_LEVEL:g}"
+        raise InputError(f"{fault}; check sign, unit and frame of the log", file=file)
     known = read_learned_force(file.parent, process)
     scatter = SCATTER if known is None else known.scatter
     before, width = 1.0, getattr(process, "uncertainty", np.inf)

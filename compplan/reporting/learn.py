@@ -15,6 +15,7 @@ from compplan.io.quantities import format_length, format_mm, format_mm_change, f
 from compplan.io.tables import write_json, write_table, write_text
 from compplan.io.transaction import list_files, replace_folder
 from compplan.learning.part import LearnedPart
+from compplan.learning.path_state import state_file, write_state
 from compplan.learning.representable import residual_file
 from compplan.process.learned_force import FILE as PROCESS
 from compplan.process.learned_force import write_learned_force
@@ -55,7 +56,7 @@ def _write_updated(update: LearnedPart, folder: Path) -> None:
     deliver_robot_folder(update.updated, folder, update.robot)
     source = update.robot.folder
     if source is not None:
-        for file in (*source.glob("learned_*.csv"), *source.glob("registration.toml")):
+        for file in (*source.glob("learned_*"), *source.glob("registration.toml")):
             shutil.copyfile(file, folder / file.name)
     if update.force is not None:
         write_learned_force(update.force, update.job.process, folder, source)
@@ -65,10 +66,11 @@ def _write_updated(update: LearnedPart, folder: Path) -> None:
     if update.model_update.taken and residual is not None:
         columns: dict[str, object] = {"s_mm": residual.length * 1e3}
         columns |= {f"d{axis}_mm": residual.deviation[:, k] * 1e3 for k, axis in enumerate("xyz")}
-        columns["sigma_mm"] = residual.spread * 1e3
         columns |= update.robot.joint_columns(residual.q)
         file_name = f"learned_{update.job.file.stem}.csv" if name is None else name.name
         write_table(folder / file_name, columns, decimals=10)
+    if update.state is not None:
+        write_state(update.state, folder / state_file(update.job))
 
 
 def summarise_update(update: LearnedPart) -> dict[str, Any]:
@@ -77,10 +79,10 @@ def summarise_update(update: LearnedPart) -> dict[str, Any]:
     steps = ("nothing", "force", "force_and_robot")
     left = {name: 1e3 * v if np.isfinite(v) else None for name, v in zip(steps, transfer.left, strict=True)}
     bands = {
-        name: {"p95_max": float(band.max()) * 1e3, "p95_max_in_measured_directions": float(seen.max()) * 1e3}
-        for name, band, seen in zip(
+        name: {"p95_max": widest * 1e3, "p95_max_in_measured_directions": float(seen.max()) * 1e3}
+        for name, widest, seen in zip(
             ("band_before_mm", "band_after_mm"),
-            (model_update.band_before, model_update.band_after),
+            (float(model_update.band_before.max()), update.widest_band),
             model_update.band_seen,
             strict=True,
         )
@@ -113,9 +115,8 @@ def _rms(vectors: Array) -> float:
 def _render(update: LearnedPart) -> str:
     """Return the page: measured deviation, its causes, decision on the update, 95 % band of the next part."""
     model_update, length = update.model_update, 1e3 * update.length
-    before, after, seen = (
-        format_length(float(band.max()))
-        for band in (model_update.band_before, model_update.band_after, model_update.band_seen[1])
+    before, after, seen = map(
+        format_length, (model_update.band_before.max(), update.widest_band, model_update.band_seen[1].max())
     )
     expected = f"At the worst point of the path the band narrows from {before} to {after}"
     if not model_update.taken:
@@ -163,7 +164,7 @@ def open_update(update: LearnedPart) -> Summary:
         todo = "Measure more points or another part, then run: compplan learn JOB MEASURED --robot OUT/robot"
         return Summary(verdict, "unsure", figures, picture, todo)
     better, checked = model_update.expected < model_update.rms, model_update.held_out < model_update.rms
-    ends = [float(band.max()) for band in (model_update.band_before, model_update.band_after)]
+    ends = [float(model_update.band_before.max()), update.widest_band]
     change = format_mm_change(model_update.rms, model_update.expected)
     verdict = f"The corrected program should reduce the rms deviation of the next part: {change}."
     if not better and ends[1] < ends[0]:
@@ -176,7 +177,7 @@ def open_update(update: LearnedPart) -> Summary:
          "good" if checked else ""),
         (format_mm(model_update.expected),
          "rms deviation expected of the next part (also in directions not measured; with another force)"),
-        (format_mm(float(model_update.band_after.max())), "95 % band of the next part, at the worst point of the path"),
+        (format_mm(update.widest_band), "95 % band of the next part, at the worst point of the path"),
     ]  # fmt: skip
     todo = "Cut the next part with the new program, measure it, then run: compplan learn JOB MEASURED --robot OUT/robot"
     return Summary(verdict, "good" if better or ends[1] < ends[0] else "unsure", taken, picture, todo)

@@ -133,8 +133,8 @@ class Summary:
 
 
 def is_program(file: Path) -> bool:
-    """Return whether a file of a result is a robot program, by its name."""
-    return file.suffix not in NO_PROGRAM and file.name not in NO_PROGRAM_NAMES
+    """Return whether a file is a robot program, by its name relative to the folder of results."""
+    return file.parts[0] != "robot" and file.suffix not in NO_PROGRAM and file.name not in NO_PROGRAM_NAMES
 
 
 def format_files(folder: Path, files: Iterable[str | Path], notes: str = "", status: str = "solved") -> str:
@@ -143,7 +143,7 @@ def format_files(folder: Path, files: Iterable[str | Path], notes: str = "", sta
     names = dict.fromkeys(f"{file.parts[0]}{'/' * (file.parts[0] == 'robot')}" for file in inside)
     shown = [name for name in names if Path(name).suffix in (".html", ".json") or name.rstrip("/") in TABLES]
     shown.sort(key=lambda name: name != "report.html")
-    count = sum(is_program(file) and file.parts[0] != "robot" for file in inside)
+    count = sum(is_program(file) for file in inside)
     shown = [f"{name}{notes}" if name == "report.html" else name for name in shown]
     shown += [f"{count} program file{'s' * (count > 1)}"] if count else []
     unsafe = "" if status == "solved" or not count else f"; the programs are marked {status}: do not load them"

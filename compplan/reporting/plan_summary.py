@@ -22,6 +22,7 @@ from compplan.io.quantities import (
     format_percent,
     format_set_length,
 )
+from compplan.io.transaction import list_files
 from compplan.job.job import Job
 from compplan.planning.notes import find_least_feed, find_top_feed
 from compplan.planning.tolerance_verdict import KEEPS, NOT_KNOWN
@@ -106,8 +107,7 @@ def write_sheet(plan: Plan, folder: Path | None) -> Section:
 
 def list_programs(folder: Path) -> list[tuple[str, int, str]]:
     """List program files in a folder: name, lines, and the first digits of their checksum."""
-    contents = {str(file.relative_to(folder)): file.read_bytes()
-                for file in sorted(folder.rglob("*")) if file.is_file() and is_program(file)}  # fmt: skip
+    contents = {name: (folder / name).read_bytes() for name in list_files(folder) if is_program(Path(name))}
     return [(name, text.count(b"\n"), hashlib.sha256(text).hexdigest()[:16]) for name, text in contents.items()]
 
 

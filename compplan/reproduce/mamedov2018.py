@@ -86,7 +86,7 @@ def reproduce(load: Callable[[str], Robot]) -> Reproduction:
             f"meets them within {np.abs(circles.misfit()).max():.0%}."
         ),
         rows=tuple(rows),
-        figures=tuple(_figures(full, planes, gaps, own, walls, circles)),
+        figures=tuple(_figures(full, planes, gaps, walls, circles)),
     )
 
 
@@ -228,23 +228,22 @@ def _rows_of_circles(fit: CircleErrors) -> list[Row]:
     assumption = "posture of the circles (seven numbers) fitted to the twelve means of Tables 4 and 5"
     rows = []
     for k, radius in enumerate(RADII):
-        table = f"Table {4 + k}: circle of {radius:g} m"
-        for a, axis in enumerate("xyz"):
-            mean, largest = fit.means(fit.before)[k, a], np.abs(fit.before[k, :, a]).max()
-            rows.append(compare(f"{table}, uncompensated mean {axis}", MEANS_BEFORE[k][a], mean * 1e3, "mm",
-                                assumption, fitted=True))  # fmt: skip
-            rows.append(compare(f"{table}, uncompensated maximum {axis}", MAXIMA_BEFORE[k][a], largest * 1e3, "mm",
-                                assumption, fitted=True))  # fmt: skip
-        for a, axis in enumerate("xyz"):
-            rows.append(compare(f"{table}, compensated mean {axis}", MEANS_AFTER[k][a],
-                                float(fit.means(fit.after)[k, a]) * 1e3, "mm", assumption, fitted=True))  # fmt: skip
+        figures = {
+            "uncompensated mean": (MEANS_BEFORE[k], fit.means(fit.before)[k]),
+            "uncompensated maximum": (MAXIMA_BEFORE[k], np.abs(fit.before[k]).max(axis=0)),
+            "compensated mean": (MEANS_AFTER[k], fit.means(fit.after)[k]),
+        }
+        rows += [
+            compare(f"Table {4 + k}: circle of {radius:g} m, {name} {axis}", paper[a], float(ours[a]) * 1e3, "mm",
+                    assumption, fitted=True)
+            for name, (paper, ours) in figures.items() for a, axis in enumerate("xyz")
+        ]  # fmt: skip
     return rows
 
 
 def _figures(
-    full: Robot, planes: dict[str, DeflectionMap], gaps: dict[str, Array], own: ReducedModel, walls: list[WallStep],
-    fit: CircleErrors,
-) -> list[Picture]:  # fmt: skip
+    full: Robot, planes: dict[str, DeflectionMap], gaps: dict[str, Array], walls: list[WallStep], fit: CircleErrors
+) -> list[Picture]:
     figures = []
     for name, plane in planes.items():
         panels = [*deflection_panels(plane), Panel("Full minus reduced model", 1e6 * gaps[name], "µm/N")]

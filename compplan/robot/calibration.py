@@ -73,7 +73,7 @@ def read_calibration(text: str, file: Path, nominal: Robot) -> tuple[Robot, str]
             frames.append(pose)
         stack = np.array(frames)
         return move_axes(nominal, ZeroPose(stack[:, :3, 2], stack[:, :3, 3], pose), file), "ur_kinematics"
-    message = f"is not a calibration file that is known, expected {KNOWN}"
+    message = f"is not a known calibration file, expected {KNOWN}"
     raise InputError(f"{message}; any other robot: measure it and use compplan diagnose", file=file)
 
 

@@ -142,7 +142,7 @@ def _find_tool_axis(joints: Sequence[Joint], file: Path) -> str:
             if (tcp, name) == ("tool0", "z"):
                 return "z"
             hint = f" (its last joint turns about {name} of it: a straight tool leaves along {name} or -{name})"
-    asked = f"does not say which axis of {tcp!r} points out of the tool{hint}"
+    asked = f"does not state which axis of {tcp!r} points out of the tool{hint}"
     raise InputError(f"{asked}; give --tool-axis x, -x, y, -y, z or -z", file=file)
 
 

@@ -262,7 +262,7 @@ def _solve_equilibrium(
             pin.forwardKinematics(model, data, configuration)
             pin.updateFramePlacement(model, data, exact_robot.tcp)
             return theta
-    raise ConvergenceError(f"equilibrium did not settle, last step {step:.3g} rad", residual=step)
+    raise ConvergenceError(f"equilibrium did not converge, last step {step:.3g} rad", residual=step)
 
 
 def hold_load(exact_robot: ExactRobot, q: Array, wrench: Array) -> Array:

@@ -1,7 +1,7 @@
 """Load of a timed motion on the springs, independent of the planner: Pinocchio's recursive Newton-Euler algorithm.
 
-It shares neither time differences nor masses with the planner (`compplan.simulation.vibration`): positions are
-interpolated by parabolas through three rows, and the joint forces accelerate the rigid arm [Featherstone2008].
+It shares neither code nor masses with the planner (`compplan.statics.inertia`), only the motion between rows: joint
+positions are parabolas through three rows. The joint forces accelerate the rigid arm [Featherstone2008].
 """
 
 from __future__ import annotations

@@ -158,8 +158,8 @@ def _iterate(
                       for a, b in zip(update, before, strict=True)])  # fmt: skip
     spring, row = np.unravel_index(int(np.argmax(steps)), steps.shape)
     message = (
-        f"equilibrium did not settle at waypoint {first + int(row)}, spring {chain.spring_names[int(spring)]!r}, last "
-        f"change {change:.3g} rad or m; the load is near or beyond buckling: check forces, and compliances of the robot"
+        f"equilibrium did not converge at waypoint {first + int(row)}, spring {chain.spring_names[int(spring)]!r}, "
+        f"last change {change:.3g} rad or m; the load is near or beyond buckling: check forces and compliances"
     )
     raise ConvergenceError(message, residual=change)
 

@@ -1,8 +1,8 @@
 """Inertial loads on the springs of a moving arm.
 
-Every body is replaced by four points of equal mass, centre and inertia. With p_b their positions at the rows of a timed
-motion, p_b'' by divided differences, and f_b = -m_b p_b'' [d'Alembert], an elastic coordinate k with
-axis a_k through o_k carries
+Every body is replaced by four points of equal mass, centre and inertia. With p_b their positions in a timed motion,
+joint positions a parabola through each row and its neighbours, and f_b = -m_b p_b'' [d'Alembert], an elastic coordinate
+k with axis a_k through o_k carries
 
     b_k = a_k . sum_b (p_b - o_k) x f_b     (a_k . sum_b f_b where it translates),   b the points beyond it.
 
@@ -21,7 +21,7 @@ from scipy.interpolate import make_interp_spline
 
 from compplan.robot import Array, Robot
 from compplan.robot.model import Body
-from compplan.statics.chain import Chain, build_chain, chunks, locate_frames
+from compplan.statics.chain import Chain, Frames, build_chain, chunks, locate_frames
 from compplan.statics.sweep import cross, dot
 
 #: Directions of the four points from the centre: zero sum, second moment four times the unit matrix.
@@ -64,25 +64,18 @@ def load_motion(chain: Chain, q: Array, time: Array, inside: NDArray[np.bool_]) 
         inside: Rows within a run from rest to rest, without its ends. Shape (n,). Rows next to a step of zero time are
             ends of a run.
     """
-    step = np.diff(time)
-    on_the_way = np.zeros(len(q), bool)
-    on_the_way[1:-1] = inside[1:-1] & (step[:-1] > STANDS) & (step[1:] > STANDS)
-    loads, rows = np.zeros((len(q), chain.n_springs)), np.flatnonzero(on_the_way)
-    q = q[:, q.shape[1] - chain.nq :]
+    step = np.diff(time)[:, None]
+    rows = 1 + np.flatnonzero(inside[1:-1] & (np.minimum(step[:-1], step[1:])[:, 0] > STANDS))
+    loads = np.zeros((len(q), chain.n_springs))
     if not len(rows) or not len(chain.mass):
         return loads
+    q = q[:, q.shape[1] - chain.nq :]
+    speed, whole = np.diff(q, axis=0) / np.maximum(step, STANDS), step[:-1] + step[1:]
+    rate = (step[1:] * speed[:-1] + step[:-1] * speed[1:]) / np.maximum(whole, STANDS)
+    change = 2.0 * np.diff(speed, axis=0) / np.maximum(whole, STANDS)
     for part in chunks(len(rows)):
         here = rows[part]
-        first, last = here[0] - 1, here[-1] + 1
-        frames = locate_frames(chain, q[first : last + 1])
-        middle = here - first
-        place, times = frames.centre, time[first : last + 1]
-        before, after = (
-            np.maximum(times[middle + side] - times[middle + side - 1], 1e-12)[:, None, None] for side in (0, 1)
-        )
-        change = (place[middle + 1] - place[middle]) / after - (place[middle] - place[middle - 1]) / before
-        force = -chain.mass[:, None] * (2.0 * change / (before + after))  # divided differences
-        loads[here] = _gather(chain, frames.axis[middle], frames.origin[middle], frames.centre[middle], force)
+        loads[here] = _load_springs(chain, locate_frames(chain, q[here]), rate[here - 1], change[here - 1])
     return loads
 
 
@@ -118,14 +111,27 @@ def smooth_loads(load: Array, time: Array, runs: list[tuple[int, int]], window: 
     return found
 
 
-def _gather(chain: Chain, axis: Array, origin: Array, place: Array, force: Array) -> Array:
-    """Return the loads of forces at the masses on the elastic coordinates. Shape (k, s)."""
-    elements = chain.spring_elements
-    axes, origins, places, forces = (
-        [np.ascontiguousarray(part[:, :, i].T) for i in range(3)]
-        for part in (axis[:, elements], origin[:, elements], place, force)
+def _load_springs(chain: Chain, frames: Frames, rate: Array, change: Array) -> Array:
+    """Return the loads of the masses on the elastic coordinates. Shape (k, s).
+
+    rate, change: velocity and acceleration of the joints. Shapes (k, nq). [rad/s or m/s, per s]
+    """
+    springs, driven = chain.spring_elements, np.flatnonzero(chain.q_index >= 0)
+    axis, origin, place = (np.transpose(part, (2, 1, 0)) for part in (frames.axis, frames.origin, frames.centre))
+    rate, change = (chain.multiplier[driven, None] * motion.T[chain.q_index[driven]] for motion in (rate, change))
+    # unit twists of the elements: rotation, and velocity at the origin of the base [Featherstone2008]
+    slides, turn, about = chain.translates[driven, None], axis[:, driven], origin[:, driven]
+    turn, shift = np.where(slides, 0.0, turn), np.where(slides, turn, cross(about, turn))
+    omega, velocity = np.cumsum(turn * rate, axis=1), np.cumsum(shift * rate, axis=1)
+    turned, shifted = np.array(cross(omega, turn)), np.add(cross(omega, shift), cross(velocity, turn))
+    alpha, linear = (
+        np.cumsum(part * change + by_turning * rate, axis=1) for part, by_turning in ((turn, turned), (shift, shifted))
     )
-    beyond = (chain.body_element >= elements[:, None]).astype(float)
-    total, moment = ([beyond @ part for part in parts] for parts in (forces, cross(places, forces)))
-    turned = dot(axes, [a - b for a, b in zip(moment, cross(origins, total), strict=True)])
-    return np.where(chain.translates[elements, None], dot(axes, total), turned).T
+    carrier = np.searchsorted(driven, chain.body_element, "right") - 1  # masses of the base load no spring
+    omega, velocity, alpha, linear = (part[:, carrier] for part in (omega, velocity, alpha, linear))
+    acceleration = linear + cross(alpha, place) + cross(omega, velocity + cross(omega, place))
+    force = -chain.mass[:, None] * acceleration
+    beyond = (chain.body_element >= springs[:, None]).astype(float)
+    total, moment = beyond @ force, beyond @ np.array(cross(place, force))
+    turning = dot(axis[:, springs], moment - cross(origin[:, springs], total))
+    return np.where(chain.translates[springs, None], dot(axis[:, springs], total), turning).T

@@ -88,7 +88,7 @@ def _settle_block(kernel: Kernel, q: Array, wrench: Array, factor: Array, theta:
         if not np.isfinite(change):
             break
         now, previous = update, change
-    message = f"equilibrium did not settle, last change {change:.3g} rad; the load is near or beyond buckling"
+    message = f"equilibrium did not converge, last change {change:.3g} rad; the load is near or beyond buckling"
     raise ConvergenceError(message, residual=change)
 
 

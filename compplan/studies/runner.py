@@ -159,7 +159,7 @@ class ChunkFolder:
         if others:
             message = (
                 f"holds {others} finished chunks of another study (another job, robot, seed, number of waypoints or "
-                "version); name another folder, or take them away with --discard"
+                "version); name another folder, or delete them with --discard"
             )
             raise InputError(message, file=folder)
         for part in folder.glob(f".*{PART}"):  # of a run that was killed

@@ -33,7 +33,6 @@ from compplan.studies.posterior import (
 from compplan.toolpath.toolpath import interpolate
 from compplan.uncertainty.assumed import robot_uncertainty
 from compplan.uncertainty.sensitivities import CORRELATION, ForceSpread, build_path_model, pick_rows
-from compplan.uncertainty.touch_off import spread_placement
 
 #: Knots of the noise along the path per correlation length, and their greatest number.
 KNOTS, MOST_KNOTS = 10, 20000
@@ -114,8 +113,7 @@ def differentiate_placements(task: PlanTask, noise: NoiseTable) -> Array:
 
     Growth is differentiated on the unloaded robot: the load changes it only by the relative deflection.
     """
-    placed = spread_placement(noise, task.touched, task.position, task.position.mean(axis=0), assume=True)
-    parts = [grow_arm(task.robot, task.q_start), *np.moveaxis(placed, 2, 0)]
+    parts = [grow_arm(task.robot, task.q_start), *np.moveaxis(task.spread_part(noise), 2, 0)]
     rows = pick_rows(np.ones(len(task), bool), STATIONS)
     scene = build_path_model(task.robot, task.q_start, task.wrench, task.step_time)
     posterior = build_posterior(task.robot, task.q_start, np.zeros((task.robot.nq, len(task))))

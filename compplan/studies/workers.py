@@ -271,7 +271,7 @@ def _collect(client: Any, study: Study, numbers: list[int], points: Callable[[in
         except CompplanError:
             raise
         except Exception as error:
-            raise InputError(f"the cluster gave up a chunk: {type(error).__name__}: {error}") from error
+            raise InputError(f"the cluster failed on a chunk of samples: {type(error).__name__}: {error}") from error
         yield chunk_of.pop(future.key), evaluated
 
 

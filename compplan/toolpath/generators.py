@@ -51,7 +51,7 @@ class GeneratorTable(StrictTable):
         step = length if self.step_mm is None else self.step_mm * 1e-3
         count = 1.0 + length / step if self.waypoints is None else float(self.waypoints)
         if not count <= MOST_WAYPOINTS:
-            raise InputError(f"this makes {count:.3g} waypoints, at most {MOST_WAYPOINTS} can be planned")
+            raise InputError(f"this makes {count:.3g} waypoints, at most {MOST_WAYPOINTS} are planned; raise step_mm")
         return max(2, round(count))
 
     def _place_waypoints(self, curve: Curve, grid: Array, corners: Array = NO_CORNERS) -> Toolpath:

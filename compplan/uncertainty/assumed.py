@@ -36,6 +36,8 @@ UNEXPLAINED, SCALE = 5e-5, 0.3
 REPEATABILITY = 2e-5
 #: Factor on the 6x6 elasticity of a link: an unknown that is not an effect of the vocabulary.
 LINK_ELASTICITY, RATIO = "link_elasticity", "compliance_change_ratio"
+#: Effects that are observable only under load.
+COMPLIANCES = ("joint_stiffness", "link_compliance", "base_compliance", LINK_ELASTICITY)
 TURNS = ("tx", "ty", "tz", "rx", "ry", "rz")
 
 
@@ -64,21 +66,26 @@ def moves_base(robot: Robot, unknown: Unknown) -> bool:
     return unknown.effect in ("joint_offset", "link_geometry") and unknown.joint == robot.actuated[0].name
 
 
-def free_base(before: Robot, known: Uncertainty) -> Uncertainty:
-    """Restore the prior uncertainty of parameters that move the complete arm, after a log with a fitted base frame.
+def restore_prior(before: Robot, known: Uncertainty, *, free_base: bool) -> Uncertainty:
+    """Restore the prior uncertainty of parameters that a log does not determine.
 
-    A log whose base frame or contact positions are fitted does not determine them; they matter for a part at a stated
+    A log without loads on a joint has no information on its compliance. One whose base frame or contact positions are
+    fitted (`free_base`) has none on the parameters that move the complete arm; they matter for a part at a stated
     place. before: robot folder before the log; known: its uncertainty after the log.
     """
-    then = robot_uncertainty(before)
-    hidden = [(u, width) for u, width in split_unknowns(then.unknowns, then.width) if moves_base(before, u)]
-    places = [(u.effect, u.joint, u.axis) for u, _ in hidden]
-    known = known.select((u.effect, u.joint, u.axis) not in places for u in known.unknowns)
-    for unknown, width in hidden:
+    then, places = robot_uncertainty(before), {(u.effect, u.joint, u.axis) for u in known.unknowns}
+    prior = split_unknowns(then.unknowns, then.width)
+    base = [(u, width) for u, width in prior if free_base and moves_base(before, u)]
+    soft = [(u, width) for u, width in prior if u.effect in COMPLIANCES and (u.effect, u.joint, u.axis) not in places]
+    moving = [(u.effect, u.joint, u.axis) for u, _ in base]
+    known = known.select((u.effect, u.joint, u.axis) not in moving for u in known.unknowns)
+    for unknown, width in (*base, *soft):
         known = _add(known, replace(unknown, deviation=width / known.calibration))
     how = "assumed" if before.uncertainty is None else "as before"
-    said = f"zero and place of {before.actuated[0].name} {how}: not determined by this log"
-    return replace(known, source=f"{known.source}; {said}") if hidden else known
+    told = [f"zero and place of {before.actuated[0].name} {how}"] if base else []
+    if soft:
+        told.append(f"compliance of {', '.join(dict.fromkeys(str(u.joint) for u, _ in soft))} {how}")
+    return replace(known, source=f"{known.source}; {', '.join(told)}: not determined by this log") if told else known
 
 
 def check_uncertainty(robot: Robot, known: Uncertainty) -> None:

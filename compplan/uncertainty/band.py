@@ -71,6 +71,8 @@ OTHER_CAUSES = {
     "unexplained": "what no parameter of the robot explains", "repeatability": "repeatability",
     "force": "process force", "motion": "inertia and vibration", "placement": "place of the part",
 }  # fmt: skip
+#: Source and largest part of the band on a path of which parts were measured.
+LEARNED, UNDETERMINED = "learned from measured parts of this path", "what the measured parts do not determine"
 #: Number of rows added at the greatest errors due to motion.
 MOVED = 60
 #: Least eigenvalue, relative to the greatest, of the components of smooth errors.
@@ -95,6 +97,8 @@ class Slopes:
     tie: tuple[Array, Array] | None = None
     #: The part as located by touch-off, or None if its frame is absolute.
     touched: TouchedPart | None = None
+    #: Motion of the tip by each z of the robot beyond that by parameters and force, or None. Shape (k, 3, r). [m]
+    beyond: Array | None = None
 
     def smooth_columns(self, known: Uncertainty) -> Array:
         """Return the tip motion by one deviation of each component of the unexplained error. (k, 3, c). [m]
@@ -114,9 +118,9 @@ class Slopes:
     def columns(self, known: Uncertainty) -> tuple[Array, Array]:
         """Return the tip motion by one deviation of robot and independent terms. Shapes (k, 3, r), (k, 3, .). [m]
 
-        The first includes the force correlated with the robot; the second has independent force and placement.
+        The first includes `beyond` and the force correlated with the robot, the second independent force and placement.
         """
-        robot = self.model @ known.spread
+        robot = self.model @ known.spread + (0.0 if self.beyond is None else self.beyond)
         if self.tie is None:
             return robot, self.shared
         tied, apart = self.tie

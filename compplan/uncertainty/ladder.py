@@ -32,7 +32,6 @@ from compplan.measurement.pose_selection import (
 from compplan.robot import Array, Robot
 from compplan.robot.pose import rigid_columns
 from compplan.robot.uncertainty import Uncertainty
-from compplan.uncertainty.assumed import LINK_ELASTICITY
 from compplan.uncertainty.posture_errors import derive_unknowns
 from compplan.uncertainty.sensitivities import build_varied_model
 
@@ -46,8 +45,6 @@ DRAWN, OFFERED, SEED = 300, 60, 0
 #: Prior standard deviations of unknown frames. [m, rad]
 LOOSE = (1.0, 0.5)
 FORCE_LEVEL, FORCE_DIRECTION = 0.02, 0.01
-#: Effects that are observable only under load.
-COMPLIANCES = ("joint_stiffness", "link_compliance", "base_compliance", LINK_ELASTICITY)
 
 
 @dataclass(frozen=True)

@@ -116,7 +116,7 @@ def derive_unknowns(at: Linearization, unknowns: Sequence[Unknown]) -> Array:
 
 
 def vary_response(scene: ForwardModel, rows: NDArray[np.int_], known: Uncertainty) -> Array:
-    """Return the change of the tip's answer to the wrench by one deviation of each z of `known`. Shape (k, 3, r). [m]
+    """Return the change of the tip's response to the wrench by one deviation of each z of `known`. Shape (k, 3, r). [m]
 
     The derivatives by parameters with the wrench, less those without, at rows of a forward model.
     """

@@ -89,29 +89,34 @@ class TouchedPart:
         return np.concatenate([turn @ jacobian[:, :3], turn @ jacobian[:, 3:]], axis=1)
 
 
-def states_placement(noise: NoiseTable | None) -> bool:
+def states_placement(noise: NoiseTable) -> bool:
     """Return whether [noise] states how accurately the part is placed."""
-    return noise is not None and bool({"part_frame_mm", "part_frame_deg"} & noise.model_fields_set)
+    return bool({"part_frame_mm", "part_frame_deg"} & noise.model_fields_set)
 
 
-def spread_placement(
-    noise: NoiseTable | None, touched: TouchedPart | None, position: Array, origin: Array, *, assume: bool = False
-) -> Array:
-    """Return the motion of the part by one deviation of its placement. Shape (n, 3, 6), or (n, 3, 0) for none. [m]
+def spread_placement(noise: NoiseTable, touched: TouchedPart | None, position: Array, origin: Array) -> Array:
+    """Return the motion of the part by one deviation of its placement. Shape (n, 3, 6). [m]
 
-    The placement is that stated in [noise], otherwise that of the touched part.
+    The placement is that stated in [noise], otherwise that of the touched part, otherwise the default of [noise].
 
     Args:
         noise: [noise] of the job.
         touched: The touched part, None for an absolute frame.
         position: Nominal tip. Shape (n, 3). [m]
         origin: Origin of the part frame. Shape (3,). [m]
-        assume: Whether an absolute frame has the default deviations of [noise] if none are stated.
     """
-    if noise is not None and (states_placement(noise) or (assume and touched is None)):
-        width = noise.part_frame_mm * 1e-3, float(np.radians(noise.part_frame_deg))
-        return np.asarray(rigid_columns(position, origin) * np.repeat(width, 3))
-    return np.zeros((len(position), 3, 0)) if touched is None else touched.spread_part(position)
+    if touched is not None and not states_placement(noise):
+        return touched.spread_part(position)
+    width = noise.part_frame_mm * 1e-3, float(np.radians(noise.part_frame_deg))
+    return np.asarray(rigid_columns(position, origin) * np.repeat(width, 3))
+
+
+def describe_placement(noise: NoiseTable, touched: TouchedPart | None) -> list[str]:
+    """Describe the assumed standard deviations of an absolute part frame; none if touched or stated in [noise]."""
+    if touched is not None or states_placement(noise):
+        return []
+    widths = f"{noise.part_frame_mm:g} mm and {noise.part_frame_deg:g} deg per axis"
+    return [f"assumed standard deviations of the absolute part frame: {widths} ([noise] part_frame_mm, part_frame_deg)"]
 
 
 def read_touch(job: Job) -> TouchOff:

@@ -123,7 +123,7 @@ def test_executed_rows_are_at_most_four_milliseconds_apart(tmp_path, monkeypatch
         (HEAD + "joint,700,0,300,0,0,1,200,0\n", 2, "expected at least 2"),
         (CORNER.replace("line,800,0", "arc,800,0"), 2, "p.csv:3: move is 'arc', expected joint or line"),
         (CORNER.replace(",100,10", ",-1,10"), 2, "feed_mm_s is -1"),
-        (CORNER.replace("line,800,0,300", "line,9800,0,300"), 2, "p.csv:3: no joints within the limits"),
+        (CORNER.replace("line,800,0,300", "line,9800,0,300"), 2, "p.csv:3: no joint positions within the limits"),
         (CORNER.replace("line,800,0,300", "line,,0,300"), 2, "needs all of x_mm y_mm z_mm"),
         (CORNER.replace("800,0,300,0,0,1", "800,0,300,0,0,3"), 2, "length 3, expected 1"),
         (HEAD + "joint,700,0,300,0,0,1,9,0\nline,-700,0,300,0,0,1,9,0\n", 3, "cannot be followed along a line"),

@@ -133,7 +133,7 @@ def test_a_template_of_the_users_stands_in_place_of_the_packages(tmp_path: Path)
     [
         ("DEF {{ nmae }}()", "'nmae' is undefined"), ("{% for x in %}", "Expected an expression"),
         ("DEF x()\n{{ parts.missing.more }}", "no attribute"), ("; \u00e9", "plain ASCII"),
-        ("{{ ''.__class__.__mro__ }}", "unsafe"), ("; " + "x" * 600, "602 letters, at most 471"),
+        ("{{ ''.__class__.__mro__ }}", "unsafe"), ("; " + "x" * 600, "602 characters, at most 471"),
         ("{{ 1 / 0 }}", "division by zero"), ("{{ name.nope() }}", "no attribute"),
     ],
 )  # fmt: skip

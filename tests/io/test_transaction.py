@@ -9,7 +9,7 @@ import sys
 import pytest
 
 from compplan.errors import InputError
-from compplan.io.provenance import record_inputs
+from compplan.io.provenance import describe_origin, record_inputs
 from compplan.io.tables import read_text
 from compplan.io.transaction import HIDDEN, MANIFEST, READY, list_files, lock_folder, replace_file, replace_folder
 
@@ -156,3 +156,11 @@ def test_a_file_is_written_where_its_link_points(tmp_path):
     with replace_file(tmp_path / "link.csv") as part:
         part.write_text("new")
     assert (tmp_path / "real.csv").read_text() == "new" and (tmp_path / "link.csv").is_symlink()
+
+
+def test_what_a_result_reads_back_from_its_own_files_is_no_input(tmp_path):
+    (tmp_path / "job.toml").write_text("given")
+    with record_inputs(), replace_folder(tmp_path / "out", "plan") as part:
+        (part / "robot.urdf").write_text("written")
+        assert read_text(part / "robot.urdf") + read_text(tmp_path / "job.toml") == "writtengiven"
+        assert list(describe_origin()["inputs_sha256"]) == [str(tmp_path / "job.toml")]

@@ -126,7 +126,7 @@ def test_a_urdf_that_does_not_say_which_axis_leaves_the_tool_is_refused_until_it
     (tmp_path / "arm.urdf").write_text(EE_LINK)
     words = ["init", "robot", tmp_path / "arm.urdf", "--out", tmp_path / "arm"]
     done = run_command(words, monkeypatch, capsys)
-    assert done.status == 2 and "does not say which axis of 'ee_link' points out of the tool" in done.err
+    assert done.status == 2 and "does not state which axis of 'ee_link' points out of the tool" in done.err
     assert "turns about x of it: a straight tool leaves along x or -x" in done.err and not (tmp_path / "arm").exists()
     done = run_command([*words, "--tool-axis", "x"], monkeypatch, capsys)
     assert done.status == 0, done.err

@@ -357,4 +357,4 @@ def test_init_writes_a_tool_for_each_number_that_the_file_cuts_with(tmp_path: Pa
     assert done.status == 0, done.err
     tools = cp.load_job("my.toml").context.tools
     assert [tool.number for tool in tools] == [1, 2] and {tool.frame for tool in tools} == {"pendant"}
-    assert "put yours" in (tmp_path / "my.toml").read_text() and "the part stands at [" in done.out
+    assert "put yours" in (tmp_path / "my.toml").read_text() and "the part is at [" in done.out

@@ -125,7 +125,7 @@ def test_a_new_job_stands_within_reach_with_a_tool_that_is_straight(tmp_path, mo
     Path("part.nc").write_text("G21 G90\nG0 X0 Y0 Z5\nG1 Z-1 F600\nX60\nY40\nX0\nY0\n")
     words = ["init", "part.toml", "--robot", name, "--toolpath", "part.nc", "--short"]
     done = run_command(words, monkeypatch, capsys)
-    assert done.status == 0 and "the part stands at [" in done.out and "(assumed: amid the places" in done.out, done.err
+    assert done.status == 0 and "the part is at [" in done.out and "(assumed: amid the places" in done.out, done.err
     text = Path("part.toml").read_text()
     data = tomllib.loads(text)
     assert set(data) == {"schema", "name", "robot", "toolpath", "part", "tool", "process", "plan", "output"}

@@ -180,7 +180,7 @@ def test_a_log_of_another_frame_is_refused_in_words(log, tmp_path, monkeypatch, 
     np.savetxt(other, rows, delimiter=",", header="s_mm,fx_N,fy_N,fz_N", comments="")
     job = write_job(tmp_path, 'material = "al7075_t6"')
     answer = run_command(["forces", job, "--out", tmp_path / "out", "--log", other], monkeypatch, capsys)
-    assert answer.status == 2 and "of the log at no lag within 20 mm; check that job and log" in answer.err
+    assert answer.status == 2 and "needed (tried lags: 20 mm); check that job and log" in answer.err
     assert not (tmp_path / "out").exists()
 
 

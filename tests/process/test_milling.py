@@ -138,7 +138,7 @@ def test_a_material_without_a_constant_of_drilling_is_refused_and_takes_coeffici
     others = set(MATERIALS) - set(DRILLED)
     assert others
     for material in others:
-        with pytest.raises(ValueError, match=r"drilled ones are .* or give coefficients"):
+        with pytest.raises(ValueError, match=r"choose from .* or give coefficients"):
             DrillProcess(model="drill", diameter_mm=6.0, spindle_rpm=1000.0, material=material)
     own = {"cutting_N_mm2": (900.0, 0.0, 1200.0), "exponent": (0.0, 0.0, 0.15)}
     by_feed = np.array([drill(feed, 6.0, material=None, coefficients=own) for feed in (0.05, 0.1, 0.2, 0.4)])

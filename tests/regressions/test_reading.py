@@ -174,7 +174,7 @@ def test_z_without_the_length_of_the_tool_is_no_place_in_the_part(line: str, rea
     way = reader.follow(f"G21 G90\nG0 X0 Y0 Z5\nG1 Z-5 F100\nX40\nG0 Z-4\n{line}\nM30\n", ".nc")
     assert way[-1] == (40.0, 0.0, 5.0, True)
     said = reader.refuse(f"G21 G90\nG0 X0 Y0 Z5\nG1 Z-5 F100\nX40\nG1 {line.removeprefix('G0')}\nM30\n", ".nc")
-    assert ":5: a cut to Z with the tool's length cancelled" in said
+    assert ":5: a cut to Z without tool length compensation" in said
 
 
 @pytest.mark.parametrize(("code", "unit", "feed"), [
@@ -190,7 +190,7 @@ def test_g70_of_sinumerik_scales_lengths_alone(code: str, unit: tuple[str, ...],
 def test_points_of_two_machine_coordinate_systems_are_not_joined(reader: Reader) -> None:
     head = "TOOL PATH/A,TOOL,M\nMSYS/0,0,0,1,0,0,0,1,0\nFEDRAT/MMPM,100\nRAPID\nGOTO/0,0,9\nGOTO/0,0,1\n{}GOTO/9,0,1\n"
     said = reader.refuse(head.format("MSYS/100.0,0,0,1,0,0,0,1,0\n"), ".cls")
-    assert ":7: MSYS changes on the way" in said
+    assert ":7: MSYS changes within the file" in said
     assert len(reader.follow(head.format("MSYS/0.0,0.0,0.0,1.,0.,0.,0.,1.,0.\n"), ".cls")) == 3
 
 

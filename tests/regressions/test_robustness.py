@@ -244,7 +244,7 @@ def test_a_program_that_leads_nowhere_is_refused(tmp_path: Path, monkeypatch, ca
     (tmp_path / "program.csv").write_text("\n".join([head, row, row, row]) + "\n")
     words = ["execute", tmp_path / "program.csv", "--robot", "ur10", "--out", tmp_path / "out.csv"]
     done = run_command(words, monkeypatch, capsys)
-    assert done.status == 2 and "program.csv:4: no row leads anywhere" in done.err and done.err.count("\n") == 1
+    assert done.status == 2 and "program.csv:4: no row moves the tool" in done.err and done.err.count("\n") == 1
 
 
 # ---- numbers that no measurement or path holds

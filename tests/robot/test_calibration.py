@@ -140,7 +140,7 @@ GOOD = "delta_theta = [0,0,0,0,0,0]\ndelta_a = [0,0,0,0,0,0]\ndelta_d = [0,0,0,0
         (GOOD.replace("delta_d = [0,", "delta_d = [0.5,"), "ur5e", "moves the flange of ur5e by 500 mm"),
         (GOOD, "kuka_kr270", "robot 'kuka_kr270' does not have the axes of a Universal Robots arm"),
         ("kinematics:\n  shoulder:\n    x: a\n", "ur5e", "c.conf:3: shoulder.x is 'a', expected a finite number"),
-        ("hello\n", "ur5e", "c.conf: is not a calibration file that is known, expected calibration.conf of Universal"),
+        ("hello\n", "ur5e", "c.conf: is not a known calibration file, expected calibration.conf of Universal"),
     ],
 )  # fmt: skip
 def test_a_faulty_file_is_refused_in_one_line(text, robot, says, tmp_path, monkeypatch, capsys) -> None:

@@ -102,7 +102,9 @@ def test_every_key_of_the_noise_spreads_what_it_names_by_its_own_size() -> None:
         wrench_path=0.0, temperature_K=5.0, force_noise_N=40.0,
     )  # fmt: skip
     study = prepare_study(cone_task(), noise, ["none"], most_waypoints=12)
-    at, lever = study.context, np.linalg.norm((study.nominal - study.nominal.mean(axis=1, keepdims=True))[:2], axis=0)
+    origin = cone_task().part_origin
+    assert origin is not None
+    at, lever = study.context, np.linalg.norm((study.nominal - origin[:, None])[:2], axis=0)
     robots, degree, mm = sample_robots(at, draw_points(at.factors, 5, 1, range(400))), np.pi / 180, 1e-3
     rest, unsure = robots.causes, at.link_share > 0.0
     wanted = {

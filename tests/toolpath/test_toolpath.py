@@ -96,7 +96,7 @@ def test_a_toolpath_that_is_not_from_a_file_names_the_waypoint() -> None:
 
 def test_an_unknown_kind_of_file_is_refused(tmp_path: Path) -> None:
     (tmp_path / "part.step").write_text("ISO-10303-21;")
-    with pytest.raises(InputError, match=r"by its ending '.step'; read are gcode, apt, krl"):
+    with pytest.raises(InputError, match=r"by its ending '.step'; expected gcode, apt, krl"):
         read_toolpath(tmp_path / "part.step")
 
 

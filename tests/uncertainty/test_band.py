@@ -27,7 +27,8 @@ from compplan.robot.pose import fit_displacement
 from compplan.robot.uncertainty import Uncertainty, Unknown
 from compplan.simulation.vibration import MODES, build_dynamics, find_modes, modal_response
 from compplan.statics.inertia import build_moving_chain, load_motion
-from compplan.uncertainty.assumed import free_base
+from compplan.studies.study import prepare_study
+from compplan.uncertainty.assumed import restore_prior
 from compplan.uncertainty.band import estimate_band, linearise_path
 from compplan.uncertainty.motion import Motion
 from compplan.uncertainty.sensitivities import ForceSpread, build_path_model, measure_slopes
@@ -108,18 +109,19 @@ def test_band_before_equals_the_band_of_a_plan_that_corrects_nothing(tmp_path: P
     assert band.whole > band.greatest
 
 
-def test_what_a_fitted_base_frame_hides_keeps_its_width_from_before_the_log() -> None:
+def test_what_a_log_does_not_determine_keeps_its_width_from_before_the_log() -> None:
     """Zero of .01 deg, lengths of .1 mm of joint_1 as delivered; what the log told of joint_2 stays."""
     robot = load_robot("kuka_kr270")
     unknowns = tuple(
-        Unknown(*place, (key,), np.array([1e-6]))
-        for *place, key in (
-            ("joint_offset", "joint_1", None, "offset_rad"), ("link_geometry", "joint_1", "tx", "tx_m"),
-            ("joint_offset", "joint_2", None, "offset_rad"),
+        Unknown(*place, (key,), np.array([size]))
+        for *place, key, size in (
+            ("joint_offset", "joint_1", None, "offset_rad", 1e-6), ("link_geometry", "joint_1", "tx", "tx_m", 1e-6),
+            ("joint_offset", "joint_2", None, "offset_rad", 1e-6),
+            ("joint_stiffness", "joint_6", None, "compliance_change_rad_per_Nm", 1e-9),
         )
     )  # fmt: skip
-    factor = np.array([[1.0, 0.0, 0.0], [0.6, 0.8, 0.0], [0.0, 0.6, 0.8]])
-    known = free_base(robot, Uncertainty("measured", "test", unknowns, factor, calibration=2.0))
+    factor = np.array([[1.0, 0.0, 0.0, 0.0], [0.6, 0.8, 0.0, 0.0], [0.0, 0.6, 0.8, 0.0], [0.0, 0.0, 0.0, 1.0]])
+    known = restore_prior(robot, Uncertainty("measured", "test", unknowns, factor, calibration=2.0), free_base=True)
     width = dict(zip(known.names, known.width, strict=True))
     assert width["joint_offset joint_1"] == pytest.approx(np.radians(0.01))
     assert [width[f"link_geometry joint_1 t{axis}"] for axis in "xyz"] == pytest.approx([1e-4] * 3)
@@ -127,7 +129,12 @@ def test_what_a_fitted_base_frame_hides_keeps_its_width_from_before_the_log() ->
     assert "zero and place of joint_1 assumed" in known.source
     first = known.names.index("joint_offset joint_1")
     assert np.delete(known.covariance[first], first) == pytest.approx(0.0)
-    again = free_base(replace(robot, uncertainty=known), known)  # a second log finds it as the first left it
+    # no load on any joint but the sixth: their compliances are as unknown as before, 20 % of the folder's
+    assert "compliance of joint_1, joint_2, joint_3, joint_4, joint_5 assumed" in known.source
+    springs = {spring.joint: spring.compliance for spring in robot.springs}
+    assert [width[f"joint_stiffness joint_{k}"] / springs[f"joint_{k}"] for k in (1, 5)] == pytest.approx([0.2, 0.2])
+    assert width["joint_stiffness joint_6"] == pytest.approx(2e-9)
+    again = restore_prior(replace(robot, uncertainty=known), known, free_base=True)  # a second log leaves it as it is
     assert dict(zip(again.names, again.width, strict=True)) == pytest.approx(width)
 
 
@@ -307,27 +314,33 @@ def test_a_plan_that_leaves_inertia_alone_has_it_in_its_band_and_its_verdict_say
         assert "inertia = true" in plans[False].verdict.change
 
 
-def test_the_place_of_a_part_counts_where_it_is_stated_and_is_listed_where_not() -> None:
+def test_the_place_of_an_absolute_part_counts_as_stated_or_assumed() -> None:
+    """One deviation of .05 mm per axis is assumed, and .005 deg about the part frame: the same as in Monte Carlo."""
     plain, placed = (
         plan_job(check_job({**JOB, **more}, "job.toml"))
         for more in (
             {"part": {**JOB["part"], "touched_off": False}},
-            {"noise": {"part_frame_mm": 0.5, "part_frame_deg": 0.0}},
+            {"noise": {"part_frame_mm": 0.5, "part_frame_deg": 0.0}, "part": {**JOB["part"], "touched_off": False}},
         )
     )
-    assert any("place of the part" in one for one in plain.verdict.left_out)
-    assert not any("place of the part" in one for one in placed.verdict.left_out)
     assert placed.error_band is not None and plain.error_band is not None
     assert placed.error_band.parts["placement"] == pytest.approx(2.795483 * 5e-4, rel=1e-4)
     assert placed.verdict.largest_cause == "place of the part"
-    assert plain.error_band.parts["placement"] == pytest.approx(0.0)
+    assert any("absolute part frame: 0.05 mm and 0.005 deg" in one for one in plain.error_band.assumed)
+    assert not any("absolute part frame" in one for one in placed.error_band.assumed)
+    random, lever = np.random.default_rng(3).standard_normal((2, 100_000, 3)), np.array([0.1, 0.0, 0.0])
+    moved = 5e-5 * random[0] + np.cross(np.radians(0.005) * random[1], lever)
+    drawn = np.quantile(np.linalg.norm(moved, axis=1), 0.95)
+    assert plain.error_band.parts["placement"][plain.task.cut] == pytest.approx(drawn, rel=0.01)
+    rates = prepare_study(plain.task, strategies=["none"]).context.shift[1:7]
+    covariance = np.einsum("kin,kjn->nij", rates, rates)
+    assert band_radius(covariance) == pytest.approx(plain.error_band.parts["placement"], rel=1e-6)
 
 
 def test_the_place_of_a_part_is_stated_in_mm_and_degrees() -> None:
     columns = spread_placement(NoiseTable(part_frame_mm=0.5, part_frame_deg=2.0), None, np.eye(3), np.zeros(3))
     assert columns[2, :, [0, 5]] == pytest.approx(np.array([[5e-4, 0, 0], [0, 0, 0]]))
     assert columns[0, :, 5] == pytest.approx([0.0, np.pi / 90, 0.0])
-    assert spread_placement(None, None, np.eye(3), np.zeros(3)).shape == (3, 3, 0)
 
 
 def test_a_part_that_is_turned_moves_by_the_angle_times_the_distance_from_its_frame() -> None:

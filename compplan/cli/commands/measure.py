@@ -181,9 +181,9 @@ def run_predict(
 @make_job_command(
     click.option("--poses", "count", type=click.IntRange(1, 200), required=True, help="How many poses to measure."),
     out_folder, robot_instead,
-    click.option("--log", "log", type=INPUT, help="Earlier measurements, whose information counts."),
+    click.option("--log", "log", type=INPUT, help="Earlier measurements to take into account."),
     click.option("--weights-kg", "weights", default="0", show_default=True, metavar="KG,KG",
-                 help="Weights that can hang at the tool; 0: none."),
+                 help="Weights that can be hung on the tool; 0: none."),
     click.option("--pull-N", "pull", type=click.FloatRange(0.0, 1e5), default=0.0, show_default=True,
                  help="Force with which the tool can be pulled sideways, along x or y of the base."),
     click.option("--sigma-mm", "sigma", type=click.FloatRange(LEAST_SIGMA_MM, 10.0), default=0.03, show_default=True,
@@ -262,8 +262,8 @@ def run_learn(
 
     MEASURED has columns x_mm y_mm z_mm of the attained tool tip, and where they are known s_mm (path length) and
     sigma_mm; a probe along normals has reading_mm along dir_i dir_j dir_k from there. Or it is a scan of the surface
-    that the tip touches, in mm: STL, PLY, XYZ, or a table without a head (x y z [nx ny nz]); with --mesh of any surface
-    that the tool makes. The next part learns with --robot DIR/robot.
+    that the tip touches, in mm: STL, PLY, XYZ, or a table without a header (x y z [nx ny nz]); with --mesh of any
+    surface that the tool cuts. The next part learns with --robot DIR/robot.
 
     Example: compplan learn paths/circle_500mm.toml part1.csv --robot kuka_kr270 --out part2
     """

@@ -44,10 +44,10 @@ TABLES = (".csv", ".txt", "")
                  help="Folder for report.html: the path by tool, its box, what was assumed."),
     click.option("--max-step-mm", type=float, help="Divide cutting moves that are longer."),
     take_cam_options,
-    click.option("--cam", "cam_file", metavar="FILE", help="TOML file as [cam] of a job; options here come before it."),
+    click.option("--cam", "cam_file", metavar="FILE", help="TOML file as [cam] of a job; options replace its keys."),
     click.option("--cycles", type=click.Choice(["skip", "expand"]), help="Whether drilling cycles are cut."),
     click.option("--tool-direction", type=click.Choice(["x", "y", "z", "-x", "-y", "-z"]),
-                 help="Where the TCP frame points out."),
+                 help="Axis of the TCP frame that points out of the tool."),
     click.option("--strict", is_flag=True, default=None, help="Refuse a file that can only be read with notes."),
     epilog=f"Languages that are read: {', '.join(READERS)}.",
 )  # fmt: skip

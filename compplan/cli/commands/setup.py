@@ -65,8 +65,8 @@ FORMS = {
 def run_init(words: tuple[str, ...], **options: Any) -> None:
     """Write a job FILE (default job.toml) in which every key is explained; a shop profile; a robot folder; a log.
 
-    With a robot, the part is put where the arm reaches its path, the tool leaves the flange straight, and the forces
-    of the example path are such as the arm bears: all assumed.
+    With --robot the job has a place of the part within reach, a straight tool and forces that the arm can hold, all
+    assumed.
 
     Example: compplan init part.toml --robot ur10 --toolpath part.nc
 
@@ -110,8 +110,7 @@ def run_init(words: tuple[str, ...], **options: Any) -> None:
     else:
         from compplan.measurement.reading import write_log_text
 
-        file = _refuse_existing(out or Path("measurements.csv"))
-        write_text(file, write_log_text(load_robot(robot_name)))
+        file = _write_new(out or Path("measurements.csv"), write_log_text(load_robot(robot_name)))
         lines = [f"wrote {file}; next, when it is filled in: compplan doctor {file} --robot {robot_name}"]
     show({}, False, lines)
 
@@ -187,10 +186,10 @@ def _place_part(text: str, file: Path) -> tuple[dict[str, Any], str]:
     except CompplanError as error:
         return {}, f"the part has the default place, its path was not tried ({error})"
     if found is None:
-        return {}, "no place was found from which this robot reaches the whole path; choose a larger one, or turn it"
+        return {}, "no place was found at which this robot reaches the whole path; choose a larger robot"
     position = [round(1e3 * float(value), 1) + 0.0 for value in found[0]]
-    why = "amid the places from which the arm reaches the path" if found[1] else "before the arm, not tried"
-    return {"place": f"{position}  # assumed: {why}; put yours"}, f"the part stands at {position} mm (assumed: {why})"
+    why = "amid the places within reach" if found[1] else "in front of the arm, not tried"
+    return {"place": f"{position}  # assumed: {why}; put yours"}, f"the part is at {position} mm (assumed: {why})"
 
 
 def _ease_force(text: str, robot: Robot) -> dict[str, Any]:
@@ -204,7 +203,7 @@ def _ease_force(text: str, robot: Robot) -> dict[str, Any]:
         value = share * process[key]
         step = 10.0 ** (math.floor(math.log10(value)) - 1)
         eased[key] = round(math.floor(value / step) * step, 6)
-    return {**eased, "eased": "assumed: half of what this arm holds stretched out; put yours; "}
+    return {**eased, "eased": "assumed: half of what this arm can hold when stretched; put yours; "}
 
 
 def _check_toolpath(path: Path, job: str) -> None:

@@ -25,8 +25,8 @@ if TYPE_CHECKING:
     out_folder,
     click.option("--workers", type=click.IntRange(min=1), help="Processes on this machine; default: one per core."),
     click.option("--scheduler", help="Address of a Dask scheduler (tcp://HOST:PORT) whose workers compute."),
-    click.option("--strategies", help="Names of the strategies, with commas; default: all that the robot can carry out "
-                 f"of {', '.join((*STRATEGIES, *ONLINE))}."),
+    click.option("--strategies", help="Names of the strategies, with commas; default: those for this robot of "
+                 f"{', '.join((*STRATEGIES, *ONLINE))}."),
     click.option("--replicates", type=click.IntRange(2, 1024), default=8, show_default=True,
                  help="Independent replicates."),
     click.option("--waypoints", type=click.IntRange(2, 5_000_000), default=2500, show_default=True,
@@ -38,7 +38,7 @@ def run_montecarlo(
     job: Job, folder: Path, workers: int | None, scheduler: str | None, strategies: str | None, waypoints: int,
     no_sensitivity: bool, discard: bool, **design: Any,
 ) -> CommandResult:  # fmt: skip
-    """Simulate strategies on JOB in many uncertain cells: write montecarlo.json, report.html and the samples.
+    """Simulate strategies on JOB with drawn errors of robot, force and part: write montecarlo.json, report.html.
 
     Samples are kept in OUT/samples: run an interrupted study again to continue it.
 

@@ -142,7 +142,7 @@ def _choose_branches(
             found = np.where(inside.all(axis=1)[:, None], turned, found)
             found = found[((found >= lower - 1e-9) & (found <= upper + 1e-9)).all(axis=1)]
             if not len(found):
-                raise InputError("no joints within the limits reach this pose, expected one within reach",
+                raise InputError("no joint positions within the limits reach this pose; move it into the workspace",
                                  file=instructions.file, where=int(instructions.lines[k]))  # fmt: skip
             q[k] = found[np.abs(found - target).max(axis=1).argmin()]
         near = q[k]
@@ -187,7 +187,7 @@ def build_path(nodes: Nodes, arm: Arm, blend_share: float, spacing: float = STEP
     keep = np.r_[True, step > 1e-10]
     if keep.sum() < 2:
         source = nodes.instructions
-        raise InputError("no row leads anywhere, expected a move", file=source.file, where=int(source.lines[-1]))
+        raise InputError("no row moves the tool, expected a move", file=source.file, where=int(source.lines[-1]))
     ends = np.flatnonzero((corner == 0) & (share == 1.0) & (reach[move] == 0.0))
     count = np.cumsum(keep) - 1
     stops = np.unique(np.r_[0, count[ends]])

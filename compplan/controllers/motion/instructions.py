@@ -57,7 +57,7 @@ def read_instructions(file: Path, robot: Robot) -> Instructions:
     table = read_table(file, COLUMNS)
     n, nq = len(table), robot.nq
     if n < 2:
-        raise table.error(f"has {n} rows, expected at least 2: where the program begins, and a move")
+        raise table.error(f"has {n} rows, expected at least 2: the start position and a move")
     joints = read_joints(table, robot, "q#")
     position = table.stack(["x", "y", "z"]) if "x" in table else np.full((n, 3), np.nan)
     axis = table.stack(["i", "j", "k"]) if "i" in table else np.tile([0.0, 0.0, 1.0], (n, 1))

@@ -92,7 +92,7 @@ def read_log(file: Path, robot: Robot) -> Log:
         notes.append(f"{int((~fresh).sum())} rows repeat a time and are left out")
     raw, time = raw[fresh], time[fresh]
     if len(time) < FEWEST_ROWS:
-        raise InputError(f"has {len(time)} whole rows of different times, expected at least {FEWEST_ROWS}", file=file)
+        raise InputError(f"has {len(time)} complete rows at different times, {FEWEST_ROWS} are needed", file=file)
     return clean_log(file, time, raw, notes)
 
 

@@ -98,8 +98,8 @@ def load_trace(file: File, program: File, robot: Robot, arm: Arm) -> PlacedLog:
     s, point = place_rows(programmed, tip, measure_way(log.time[rows], tip))
     usual = float(np.median(np.linalg.norm(tip - point, axis=1)))
     if usual > OTHER_PROGRAM:
-        message = f"its rows are {1e3 * usual:.0f} mm beside {program} (median), expected a log of this program"
-        raise InputError(f"{message}; check the units in the names of its columns", file=file)
+        message = f"its rows are {1e3 * usual:.0f} mm off the path of {program} (median); is it the log of this program"
+        raise InputError(f"{message}, and are the units in its column names right?", file=file)
     return PlacedLog(log, nodes, rows, s, point, programmed)
 
 

@@ -115,7 +115,7 @@ def check_brand(controller: str, language: str) -> None:
     if language not in fitting:
         raise InputError(
             f"{language} is the language of {_brand(language)}, the robot's controller is a {controller}, choose from "
-            f"{fitting}; any_brand = true writes it all the same"
+            f"{fitting}; any_brand = true writes it anyway"
         )
 
 

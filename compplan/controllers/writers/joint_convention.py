@@ -158,7 +158,7 @@ def load_controller(robot: Robot) -> JointConvention:
         raise InputError(f"expected {nq} rows of {nq} numbers", file=file, where="coupling")
     matrix = np.diag(np.array(table.sign, float)) + np.array(coupling)
     if abs(np.linalg.det(matrix)) < 1e-9:
-        raise InputError("sign and coupling together cannot be inverted", file=file, where="coupling")
+        raise InputError("sign and coupling give a singular matrix; correct one of them", file=file, where="coupling")
     links = [robot.base, *(joint.child for joint in robot.joints)]
     for key, word in table.configuration.items():
         where = f"configuration.{key}"

@@ -89,11 +89,11 @@ def render_post(program: Program, language: str, words: Mapping[str, Any]) -> st
     except (TypeError, ValueError, LookupError, ArithmeticError, AttributeError, RecursionError) as error:
         raise InputError(f"is not a template of {language}: {error}", file=own) from None
     if not made.isascii() or "\0" in made:
-        raise InputError(f"makes letters of {language} that no program takes, expected plain ASCII", file=own)
+        raise InputError(f"writes characters that {language} programs must not contain; use plain ASCII", file=own)
     longest = LANGUAGES.get(language, {}).get("longest_line", LONGEST_LINE)
     for number, line in enumerate(made.split("\n"), start=1):
         if len(line) > longest:
-            message = f"line {number} of a {language} program has {len(line)} letters, at most {longest}"
+            message = f"line {number} of a {language} program has {len(line)} characters, at most {longest}"
             raise InputError(message, file=own)
     return made
 

@@ -31,7 +31,7 @@ from compplan.effects.signature import Effect
 from compplan.measurement.distance import calibrate_band
 from compplan.robot import Array, Robot
 from compplan.robot.uncertainty import Uncertainty, Unknown, split_unknowns, spread_unknowns
-from compplan.uncertainty.assumed import free_base, robot_uncertainty
+from compplan.uncertainty.assumed import restore_prior, robot_uncertainty
 from compplan.uncertainty.posture_errors import derive_unknowns
 
 Mask = NDArray[np.bool_]
@@ -75,7 +75,7 @@ def state_uncertainty(folds: Folds, found: Calibration, state: FitState, held: H
 def state_nominal_uncertainty(folds: Folds, nominal: FitState, residual: Array, good: Mask) -> Uncertainty:
     """Compute the uncertainty of the nominal robot: as before the log, and the rest of its gap unexplained.
 
-    A fit that does not predict held-out poses says nothing of the parameters. residual: of the nominal robot, all
+    A fit that does not predict held-out poses does not determine parameters. residual: of the nominal robot, all
     rows, (n, 3) [m]; other arguments: see `state_uncertainty`.
     """
     fit, rows = folds.fit, folds.fit.search.equations.source[0].rows
@@ -107,7 +107,7 @@ def _add_unexplained(folds: Folds, known: Uncertainty, model: Array, held: HeldO
     )  # fmt: skip
     frames = fit.state.registration
     unknown_base = frames is not None and ("base" in frames.parts or fit.problem.campaign.free_base)
-    return free_base(fit.problem.robot, stated) if unknown_base else stated
+    return restore_prior(fit.problem.robot, stated, free_base=unknown_base)
 
 
 def set_calibrated_sizes(fit: Fit, posterior: Posterior, verdict: Verdict, scale: float) -> tuple[Verdict, Uncertainty]:

@@ -182,7 +182,7 @@ def iterate_gauss_newton(
                 noise = scale_noise(system, noise, free, group, loss)
             return state, system, noise, count
         previous = size
-    raise ConvergenceError("the fit did not settle; leave parameters out or check units and frames", residual=size)
+    raise ConvergenceError("the fit did not converge; check units and frames, or fit fewer parameters", residual=size)
 
 
 def _go_along(state: State, step: Array, advance: Callable[[State, Array], State]) -> State:

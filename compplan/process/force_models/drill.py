@@ -83,7 +83,7 @@ class DrillProcess(CuttingTable):
     @model_validator(mode="after")
     def _check_drilled(self) -> DrillProcess:
         if self.material is not None and self.material not in DRILLED:
-            raise ValueError(f"material is {self.material!r}, drilled ones are {list(DRILLED)}; or give coefficients")
+            raise ValueError(f"material is {self.material!r}, choose from {list(DRILLED)} or give coefficients")
         if self.coefficients is not None and self.coefficients.cutting_N_mm2[2] <= 0.0:
             raise ValueError(
                 f"cutting_N_mm2 is {list(self.coefficients.cutting_N_mm2)}; a drill's third one pushes against the "

@@ -151,4 +151,4 @@ def read_recording(folder: Path) -> PlanRecording:
             arrays: dict[str, Any] = {name: held[name] for name in names}
             return PlanRecording(facts, solids, deviation={way: held[way] for way in WAYS}, **arrays)
     except (ValueError, KeyError, TypeError, OSError, EOFError, BadZipFile) as error:
-        raise InputError(f"is not what compplan writes ({error}); plan again", file=file) from None
+        raise InputError(f"is not what compplan writes ({error}); run compplan plan again", file=file) from None

@@ -60,7 +60,7 @@ def read_cam(path: str | Path, options: CamTable | None = None) -> CamFile:
     text = read_bounded(path)
     reader = find_reader(path, text)
     if reader is None:
-        known = f"read are {', '.join(READERS)} files, and toolpath tables (.csv)"
+        known = f"expected {', '.join(READERS)}, or a toolpath table (.csv)"
         raise InputError(f"no CAM language is recognised in this file, nor by its ending {path.suffix!r}; {known}",
                          file=path)  # fmt: skip
     options = use_machine(options or CamTable(), path)

@@ -12,7 +12,8 @@ from compplan.errors import InputError
 from compplan.toolpath.readers.apt_words import NUMBER, AptCycle, find_numbers, read_cycle, read_numbers, split_records
 from compplan.toolpath.readers.arcs import MOST_TURNS, Point, arc_about, combine, cross, dot, orient
 from compplan.toolpath.readers.cnc.state import INCH, STARTING, STOPPING, Machine, State
-from compplan.toolpath.readers.lines import DECIMAL, count_lines
+from compplan.toolpath.readers.frames import UP
+from compplan.toolpath.readers.lines import count_lines
 from compplan.toolpath.readers.moves import CamFile, MoveLog
 from compplan.toolpath.readers.options import CHORD_MM, CamTable, find_start, refuse_unit
 
@@ -28,7 +29,7 @@ SWITCHES = {"SPINDL", "COOLNT", "LOADTL", "LOAD", "TLCHG", "DELAY", "DWELL", "ST
 TEXT = ("PARTNO", "PPRINT", "REMARK", "TPRINT", "TITLES", "TOOL PATH", "LETTER", "$$")
 SILENT = {
     "MACHIN", "TLDATA", "SELECT", "CUTTER", "INTOL", "TOLER", "OUTTOL", "PAINT", "DISPLAY", "END-OF-PATH", "FINI",
-    "SEQNO", "REWIND", "MULTAX", "END", "LEADER", "CLEARP", "CLDIST", "PROBE", "CLRSRF", "OPSKIP", "TLCOMP", "CUTCOM",
+    "SEQNO", "REWIND", "END", "LEADER", "CLEARP", "CLDIST", "PROBE", "CLRSRF", "OPSKIP", "TLCOMP", "CUTCOM",
     "ARCSLP", "LINTOL", "MAXDPM", "MAXANG", "DISPLY", "PROGRAM", *SWITCHES,
 }  # fmt: skip
 #: Units of feed in mm/min, and of feed per revolution in mm (None: the unit of length of the file).
@@ -131,8 +132,8 @@ class _AptReader:
         elif major in ("MSYS", "CSYS", "ORIGIN"):
             self.frames.add(tuple(find_numbers(minor)))
             if len(self.frames) > 1 and major == "MSYS":
-                raise InputError("MSYS changes on the way: points of several machine coordinate systems are not "
-                                 "joined; write one file a system, or all points in one")  # fmt: skip
+                raise InputError("MSYS changes within the file: points of several machine coordinate systems are "
+                                 "not joined; write one file per system, or all points in one")  # fmt: skip
             if len(self.frames) > 1:
                 self.note(f"{major} changes on the way: all coordinates are taken in one frame")
         elif major in ("TRANS", "ROTABL", "ROTATE", "ROTHED"):
@@ -150,6 +151,11 @@ class _AptReader:
             missing = ": holes it drills are missing" if major.startswith("CYCLE") else ""
             self.note(f"record {major[:20]} is not read{missing}")
         self.nx = self.nx or major == "TLDATA"
+
+    def _set_axes(self, words: str) -> None:
+        """Refuse MULTAX/OFF while the tool is tilted: whether points without i, j, k keep its axis is not known."""
+        if words.startswith("OFF") and self.log.axis != UP:
+            raise InputError("MULTAX/OFF with a tilted tool is not read; state i, j, k in each GOTO, or TLAXIS before")
 
     def _go_home(self, words: str) -> None:
         self.note("GOHOME is left out")
@@ -304,10 +310,7 @@ class _AptReader:
 
     def _note_arc(self, words: str) -> None:
         """Store an arc record until the GOTO with its end point."""
-        if re.match(r"\s*[XYZIJKR]\s*,", words):
-            self._cut_lettered(words)
-            return
-        if "(" in words:
+        if re.match(r"\s*[XYZIJKR(]", words):
             raise InputError(f"arc record {words[:40]!r} is not read, expected x, y, z, i, j, k, r")
         angle = re.search(r"ANGLE\s*,\s*([-+.\d]+)", words)
         times = re.search(r"TIMES\s*,\s*([\d.]+)", words)
@@ -323,20 +326,6 @@ class _AptReader:
         turns = max(1, math.ceil(count) if angle else int(count))
         normal = orient(_axis(numbers[3:6]), right_hand=clockwise == self.flipped)
         self.arc = _Pending(self._scaled(numbers), normal, turns)
-
-    def _cut_lettered(self, words: str) -> None:
-        """Cut along CIRCLE/X,x,Y,y,Z,z,I,i,J,j,K,k[,CCLW]: end, centre relative to the start; clockwise by default."""
-        pairs = re.findall(rf"([XYZIJK])\s*,\s*({DECIMAL})", words)
-        values = {letter: float(number) * self.state.scale for letter, number in pairs}
-        if values.keys().isdisjoint("IJK"):
-            raise InputError(f"arc record {words[:40]!r} has no centre, expected I, i, J, j, K, k")
-        self._begin_cut(self.log.axis)
-        start = self.log.position
-        x, y, z = (values.get(letter, old) for letter, old in zip("XYZ", start, strict=True))
-        i, j, k = (values.get(letter, 0.0) for letter in "IJK")
-        anticlockwise = not ANTICLOCKWISE.isdisjoint(re.findall(r"[A-Z]+", words))
-        pending = _Pending(combine(1.0, start, 1.0, (i, j, k)), orient(self.log.axis, right_hand=anticlockwise))
-        self._cut_arc(pending, start, (x, y, z), self.log.axis)
 
     def _follow_circle(self, words: str) -> None:
         """Read TLON,GOFWD/(CIRCLE/x,y,z,r),ON,(LINE/x,y,z,x,y,z): the arc ends at the end of the line (CATIA)."""
@@ -371,7 +360,8 @@ RECORDS: dict[str, Callable[[_AptReader, str], None]] = {
     "GODLTA": lambda reader, words: reader._shift(read_numbers(words)),
     "RAPID": lambda reader, words: setattr(reader, "rapid", True),
     **dict.fromkeys(("FEDRAT", "FEED"), _AptReader._set_feed), **dict.fromkeys(("UNITS", "UNIT"), _AptReader._set_unit),
-    "FROM": _AptReader._go_from, "GOHOME": _AptReader._go_home, "CYCLE": _AptReader._set_cycle,
+    "MULTAX": _AptReader._set_axes, "FROM": _AptReader._go_from, "GOHOME": _AptReader._go_home,
+    "CYCLE": _AptReader._set_cycle,
     "TLAXIS": lambda reader, words: setattr(reader.log, "axis", _axis(read_numbers(words)[:3])),
     "INDIRV": lambda reader, words: setattr(reader, "direction", _axis(read_numbers(words)[:3])),
     **dict.fromkeys(("CIRCLE", "MOVARC", "ARC"), _AptReader._note_arc),

@@ -63,7 +63,7 @@ class Arc:
         """Refuse an arc whose start and end do not lie on one circle about its centre."""
         if not self.fits_circle:
             raise OffCircleError(f"arc starts {self.radius:.4f} mm from its centre and ends {self.end_radius:.4f} mm "
-                                 "from it, expected the same radius")  # fmt: skip
+                                 "from it, expected the same radius; correct or re-post the arc")  # fmt: skip
 
     def tangent(self, angle: float) -> Point:
         """Return the tangent in the plane of the arc, without its pitch, after an angle of the sweep [rad]."""
@@ -183,7 +183,7 @@ def arc_through(start: Point, via: Point, end: Point) -> Arc | None:
     return arc_about(start, end, centre, combine(1.0 / size, normal, 0.0, normal))
 
 
-def find_arc(start: Point, via: Point, end: Point, angle: float | None = None) -> Arc:
+def build_arc(start: Point, via: Point, end: Point, angle: float | None = None) -> Arc:
     """Return the arc from start through a point to an end; raise an InputError where there is none. [mm]
 
     `angle` [rad], if given, replaces the sweep of the arc to `end`.
@@ -193,7 +193,7 @@ def find_arc(start: Point, via: Point, end: Point, angle: float | None = None) -
         raise InputError(f"circle through a point as far off as {farthest:g} mm, expected less than {FARTHEST:g} mm")
     arc = arc_through(start, via, end)
     if arc is None:
-        raise InputError("start, middle and end of a circle lie on a line")
+        raise InputError("start, middle and end of a circle lie on a line; correct a point, or write a straight move")
     if arc.radius > LARGEST_RADIUS:
         raise InputError(f"arc of radius {arc.radius:g} mm, at most {LARGEST_RADIUS:g} mm is read")
     if angle is None:

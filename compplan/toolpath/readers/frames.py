@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from compplan.toolpath.readers.arcs import Point, combine, cross, dot, normalise, set_levels
+from compplan.toolpath.readers.arcs import Point, combine, cross, dot, set_levels
 
 Rows = tuple[Point, Point, Point]
 UNIT: Rows = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
@@ -101,14 +101,6 @@ def stretch(scales: Point, centre: Point = ORIGIN) -> Frame:
 def mirror(axes: Iterable[int], centre: Point = ORIGIN) -> Frame:
     """Return a mirror image along axes about a point [mm]."""
     return stretch(set_levels((1.0, 1.0, 1.0), dict.fromkeys(axes, -1.0)), centre)
-
-
-def frame_from_normal(first: Point, normal: Point) -> Frame:
-    """Return the frame with z along a normal and x along the projection of `first`; ValueError if they are parallel."""
-    z = normalise(normal)
-    y = normalise(cross(z, normalise(first)))
-    x = cross(y, z)
-    return Frame(tuple(zip(x, y, z, strict=True)))  # type: ignore[arg-type]
 
 
 def turn_about(centre: Point, turn: Frame) -> Frame:

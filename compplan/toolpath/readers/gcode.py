@@ -16,7 +16,7 @@ from compplan.toolpath.readers.arcs import MOST_TURNS, OffCircleError, Point
 from compplan.toolpath.readers.cnc.cycles import begin_cycle, run_cycle
 from compplan.toolpath.readers.cnc.flow import END, CncProgram, Flow
 from compplan.toolpath.readers.cnc.interpreter import COMMON, MOTIONS, Code, Interpreter, ignore, note, refuse, set_mode
-from compplan.toolpath.readers.cnc.motion import CORNERS, DIRECTIONS, PLAIN, STRAIGHT
+from compplan.toolpath.readers.cnc.motion import DIRECTIONS, PLAIN, STRAIGHT
 from compplan.toolpath.readers.cnc.origins import Origins
 from compplan.toolpath.readers.cnc.rs274_lexer import LENGTHS, WITH_COORDINATES, Lexer, owns_words
 from compplan.toolpath.readers.cnc.rs274_macro import Macros
@@ -40,6 +40,12 @@ CHANGE = re.compile(r"M0*6(?!\d)", re.IGNORECASE)
 PRINTER = re.compile(
     r"^[ \t]*(?:N\d+[ \t]*)?M(?:104|109|140|190)[ \t]*(?:T\d+[ \t]*)?[SR][ \t]*\d", re.MULTILINE | re.IGNORECASE
 )
+
+#: Marks of a turning program, if it has no Y: a constant cutting speed, a limit of S, tools with offsets (T0101).
+TURNED = re.compile(
+    r"^[^(;\n]*?(?:G0*96(?![\d.])|G0*(?:50|92)\s*S|LIMS\s*=|T\d{4}(?!\d|[^(;\n]*M0*6))", re.MULTILINE | re.IGNORECASE
+)
+WITH_Y = re.compile(r"^[^(;\n]*?Y\s*=?\s*[-+.\d#\[]", re.MULTILINE | re.IGNORECASE)
 
 name = "gcode"
 suffixes = (
@@ -77,6 +83,13 @@ def recognise(text: str) -> bool:
     return BEGINNING.search(text) is not None
 
 
+def refuse_turning(text: str, file: Path) -> None:
+    """Refuse a program of a lathe."""
+    if not WITH_Y.search(text) and (turned := TURNED.search(text)):
+        message = "a turning program (no Y) is not read: X may be a diameter; in a milling program state Y before a cut"
+        raise InputError(message, file=file, where=text.count("\n", 0, turned.start()) + 1)
+
+
 def read(text: str, file: Path, options: CamTable) -> CamFile:
     """Read G-code.
 
@@ -84,6 +97,7 @@ def read(text: str, file: Path, options: CamTable) -> CamFile:
     reversed, provided that all arcs of the file lie on circles and at least two different arcs do so only then.
     """
     first_fault: OffCircleError | None = None
+    refuse_turning(text, file)
     lines = split_lines(text)
     changes_by_t, printer = CHANGE.search(text) is None, PRINTER.search(text) is not None
     for reading in CENTRE_READINGS:
@@ -187,7 +201,7 @@ class Rs274:
             it.machine.start(block)
         calls = 98.0 in machine or 97.0 in machine
         if coordinate_use == "machine":
-            self.origins.move_in_machine(block)
+            it.leave_out_machine_move(block, "G53")
         elif not coordinate_use and block.has(MOVING):
             if calls:
                 block.values = {letter: number for letter, number in values.items() if letter not in "PLK"}
@@ -202,7 +216,7 @@ class Rs274:
     def _give_words(self, block: CncBlock) -> bool:
         """Assign the words of a block to the M code that owns them; return whether the block is complete."""
         machine, it = block.machine, self.it
-        owner = next((code for code in machine if owns_words(code)), None)
+        owner = next((code for code in machine if owns_words(code) and code not in self.silent), None)
         if not block.codes and block.has(PLACES):
             unclear = [code for code in machine if code not in WITH_COORDINATES and (owns_words(code) or code >= 200.0)]
             if unclear:
@@ -223,7 +237,7 @@ class Rs274:
         """Execute the motion of a block, translated to the words that all dialects share."""
         it, state, values = self.it, self.it.state, block.values
         if other := next((letter for letter in "UVW" if letter in values), ""):
-            raise InputError(f"axis {other}{values[other]:g} moves the tool or the part and is not read")
+            raise InputError(f"axis {other}{values[other]:g} moves the tool or the part and is not read; leave it out")
         if state.polar and ("X" in values or "Y" in values):
             if (state.incremental and "X" in values) or state.plane != 17:
                 raise InputError("polar coordinates (G16) are not read outside of the plane G17, nor a radius in G91")
@@ -237,10 +251,8 @@ class Rs274:
         if values.get("L", 1.0) != 1.0:
             raise InputError(f"L{values['L']:g} of a move is not read; write the moves out, turns of an arc as P")
         if state.cancels_length and "Z" in values:
-            self._leave_upwards(block)
+            it.leave_without_length(block, "H0, G49")
             return
-        if (it.contour.held or not values.keys().isdisjoint(CORNERS)) and state.motion != 1.0:
-            raise InputError("a corner is rounded or cut between two straight moves (G1) only; post-process without it")
         if self.vectors and state.motion in (0.0, 1.0):
             values.update({direction: values.pop(letter) for letter, direction in VECTOR if letter in values})
         if state.motion in (2.0, 3.0):
@@ -261,17 +273,6 @@ class Rs274:
         if state.motion != 0.0 and block.has(STRAIGHT):
             self.origins.check_plane()
         it.motion.move(block)
-
-    def _leave_upwards(self, block: CncBlock) -> None:
-        """Leave out Z of a block that cancels tool length compensation (H0, G49): it is not a tip position."""
-        course, state = self.it.course, self.it.state
-        if state.motion != 0.0:
-            raise InputError("a cut to Z with the tool's length cancelled (H0, G49): the tip's place is not known")
-        self.it.note("Z of a block that cancels the tool's length (H0, G49) is left out: it is not a place in the part")
-        course.retreat()
-        course.mark_unknown([2])
-        del block.values["Z"]
-        course.rapid(*self.it.motion.target(block))
 
     def set_unit(self, block: CncBlock, code: float) -> None:
         """G20, G21 (G70, G71): inches or millimetres."""

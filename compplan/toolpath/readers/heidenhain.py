@@ -178,10 +178,9 @@ class Klartext:
         elif text[0] in "*;" or (text[0] == "(" and not self.begun and text.endswith(")")):
             self.it.log.add_event("comment", text=text[1 : -1 if text[0] == "(" else None].strip())
         elif word.startswith("Q") and "=" in text:
-            self._assign(text)
-            if defining:
-                self.cycles.add_value(text)
-                self.cycles.defining = True
+            self.cycles.defining = defining
+            if not (defining and self.cycles.add_values(text)):
+                self._assign(text)
         elif word in STATEMENTS:
             STATEMENTS[word](self, text[len(word) :].strip())
         elif word in REFUSED:
@@ -209,17 +208,17 @@ class Klartext:
     def check_corner(self, rest: str) -> None:
         """RND, CHF: refuse a corner without a cutting move before it; `_corner_after` reads all others."""
         if self.it.contour.held is None:
-            raise InputError("RND or CHF does not stand between two cutting moves")
+            raise InputError("RND or CHF does not stand between two cutting moves; leave it out")
 
     def begin(self, rest: str) -> None:
         """BEGIN PGM: set the unit."""
-        unit = re.search(r"\b(MM|INCH)\s*$", rest)
+        unit = re.search(r"\b(MM|IN|INCH)\s*$", rest)
         if self.begun:
             raise InputError("a second program begins; one a file is read")
         if not unit:
             raise InputError(f"{rest[:40]!r} states no unit, expected MM or INCH at its end")
         self.begun = True
-        self._set_unit(INCH if unit.group(1) == "INCH" else 1.0)
+        self._set_unit(1.0 if unit.group(1) == "MM" else INCH)
 
     def _set_unit(self, scale: float) -> None:
         self.words.unit = scale
@@ -296,7 +295,7 @@ class Klartext:
             else:
                 if kind[0] == "L":
                     if "R" in block.values or any(word.startswith("DR") for word in (*block.values, *block.names)):
-                        raise InputError("words of an arc in a straight block")
+                        raise InputError("words of an arc in a straight block; remove them")
                     state.motion = 0.0 if rapid else 1.0
                     if kind == "LN":
                         self._read_vector(block)
@@ -338,7 +337,7 @@ class Klartext:
         if "AP" in block.relative:
             angle = values["AP"]
             if angle == 0.0 or (angle > 0.0) != (state.motion == 3.0):
-                raise InputError(f"IPA{angle:+g} and DR contradict each other")
+                raise InputError(f"IPA{angle:+g} and DR contradict each other; write both with one sign")
             values["TURN"] = math.ceil(abs(angle) / 360.0 - 1e-9) - 1.0
 
     def set_pole(self, rest: str) -> None:
@@ -360,7 +359,7 @@ class Klartext:
         words = rest.removeprefix("CALL").strip()
         pattern = words.startswith("PAT")
         if pattern and not self.points:
-            raise InputError("CYCL CALL PAT, and no pattern that is read is defined")
+            raise InputError("CYCL CALL PAT before a supported pattern is defined")
         block = self.words.read(words.removeprefix("PAT").removeprefix("POS"))
         with self.words.functions(block) as codes:
             self.words.set_modes(block)

@@ -1,4 +1,4 @@
-"""Reader of KUKA KRL programs (.src, with positions in .dat files): LIN, CIRC, SPLINE and PTP in a base frame.
+"""Reader of KUKA KRL programs (.src, with positions in .dat files): LIN, CIRC and PTP in a base frame.
 
 Statements are executed in their order. FOR loops with numeric bounds and called programs are executed in place.
 """
@@ -32,7 +32,7 @@ ASSIGN = re.compile(
 )
 #: Position, written out or by name, and its approximation (C_DIS, ..).
 TARGET = re.compile(r"(\{[^{}]*\}|\$?[A-Z]\w*(?:\[\w+\])?)(\s*C_[A-Z]+|\s*CA\s.*)*")
-MOTION = re.compile(r"(S?LIN|S?CIRC|S?PTP|SPL|SPLINE|ENDSPLINE)\b(?!\s*[=(])\s*(.*?)(?:\s*\bWITH\s(.*))?$")
+MOTION = re.compile(r"(S?LIN|S?CIRC|S?PTP)\b(?!\s*[=(])\s*(.*?)(?:\s*\bWITH\s(.*))?$")
 PLACE, ANGLES, AXES = ("X", "Y", "Z"), ("A", "B", "C"), tuple(f"A{number}" for number in range(1, 7))
 EXTERNAL = tuple(f"E{number}" for number in range(1, 7))
 #: Name, loop with numeric bounds, head of a program.
@@ -95,12 +95,11 @@ class _KrlReader:
         self.counters: dict[str, int] = {}
         self.called = self.tool = ""
         self.last: dict[str, float] = {}
-        self.spline: list[Array] | None = None
         #: Rules of statements.
         self.rules: list[Rule] = [(re.compile(pattern), run) for pattern, run in (
             (r"((END)?(IF|FOR|WHILE|LOOP|SWITCH)|REPEAT|UNTIL)\b", robot.count_block),
-            (r"(GOTO|ASY?S?PTP|LIN_REL|PTP_REL|CIRC_REL|S\w+_REL)\b(?!\s*[=(])", robot.refuse), (MOTION, self._move),
-            (r"BAS\s*\(\s*#(\w+)\s*,\s*([^)]*)\)", self._set_up),
+            (r"(GOTO|ASY?S?PTP|LIN_REL|PTP_REL|CIRC_REL|S\w+_REL|SPL(?:INE)?)\b(?!\s*[=(])", robot.refuse),
+            (MOTION, self._move), (r"BAS\s*\(\s*#(\w+)\s*,\s*([^)]*)\)", self._set_up),
             (r"(?P<signal>\$OUT\[\d+\])\s*=\s*(?P<on>TRUE|FALSE)$", robot.switch("output")),
             (rf"WAIT\s+SEC\s+(?P<time>{NUMBER})$", robot.switch("dwell")), ("HALT$", robot.switch("stop")),
             (r"WAIT\b|PULSE\b|TRIGGER\b|\$A?N?OUT|ANOUT\b", robot.add_call_event), (ASSIGN, self._assign),
@@ -192,7 +191,7 @@ class _KrlReader:
             if depth == 0:
                 return index
             if statement == "EXIT" or (index > first and re.match(rf"{counter}\s*=(?!=)", statement)):
-                raise InputError(f"the loop ends where {statement[:24]!r} says; write its moves out in a row")
+                raise InputError(f"the loop ends at {statement[:24]!r}, which is not read; write it without a loop")
         raise InputError("FOR has no ENDFOR")
 
     def _call(self, found: Match) -> None:
@@ -329,18 +328,8 @@ class _KrlReader:
     def _move(self, found: Match) -> None:
         self.robot.check_row(found.string)
         kind, rest, extra = found.groups()
-        if extra and kind == "SPL":
-            raise InputError("SPL with data of its own (WITH) is not read; give them to the SPLINE")
-        if self.spline is None:
-            self._read_with(extra or "")
-        poses, joints = self.spline, kind in ("PTP", "SPTP")
-        if kind in ("SPLINE", "ENDSPLINE"):
-            self.spline = [] if kind == "SPLINE" else None
-            if poses and kind == "ENDSPLINE":
-                self.robot.spline(poses, self._speed())
-            return
-        if (poses is None) == (kind == "SPL"):
-            raise InputError(f"{kind} {'outside of' if poses is None else 'within'} SPLINE is not read")
+        self._read_with(extra or "")
+        joints = kind in ("PTP", "SPTP")
         parts = split_fields(rest, "{", "}")
         named = NAME.match(parts[0])
         if joints and named and named.group(0) not in self.positions:
@@ -354,8 +343,6 @@ class _KrlReader:
             self.robot.rapid(self._pose(numbers))
         elif kind in ("LIN", "SLIN"):
             self.robot.straight(self._pose(numbers), self._speed())
-        elif poses is not None:
-            poses.append(self._pose(numbers))
         else:
             middle, ends = {**self.last, **numbers}, parts[1:2]
             if not ends or not middle.keys() >= set(PLACE):

@@ -230,7 +230,7 @@ class MoveLog:
         """Return the toolpath and the facts about the file."""
         table, found, drilled = self._tabulate()
         if not np.isfinite(table).all():
-            raise InputError("a coordinate is too great to be a number", file=file)
+            raise InputError("a coordinate is too large", file=file)
         rapid = table[:, 7] == 1.0
         moved = np.concatenate([[False], np.any(np.abs(np.diff(table[:, :3], axis=0)) > STILL, axis=1)])[: len(table)]
         cut = ~rapid & moved

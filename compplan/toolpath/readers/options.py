@@ -104,8 +104,8 @@ def find_start(place: Point, unknown: Iterable[int], stated: Sequence[float] | N
         names = " ".join("XYZ"[axis] for axis in axes)
         why = f" ({reason})" if reason else ""
         raise InputError(
-            f"a cut begins where {names} of the tool is not known{why}; let a rapid move to a place in the part come "
-            "first, or state where such cuts begin with --from X,Y,Z ([cam] from_mm)"
+            f"a cut begins where {names} of the tool is not known{why}; add a rapid move to a known place before it, "
+            "or state the start of such cuts by --from X,Y,Z ([cam] from_mm)"
         )
     found = list(place)
     for axis in axes:

@@ -168,18 +168,10 @@ class _RapidReader:
         statement = found.string
         if found.group(1) != "IF" or statement.endswith(" THEN"):
             self.robot.count_block(found)
-        if "MOVE" in statement or any(self._moves(word, set()) for word in re.findall(r"\w+", statement)):
-            raise InputError(f"{statement[:30]!r} holds a move in a branch; write the moves out in a row")
+        if "MOVE" in statement or not self.flow.programs.keys().isdisjoint(re.findall(r"\w+", statement)):
+            raise InputError(f"{statement[:30]!r} holds a move or a call in a branch; write the moves out in a row")
         if re.search(r"\b(SETDO|SET|RESET|PULSEDO|STOP)\b", statement):
             self.robot.add_call_event(statement)
-
-    def _moves(self, called: str, seen: set[str]) -> bool:
-        """Return whether a procedure of the module, or one that it calls, moves the tool."""
-        if called in seen or called not in self.flow.programs:
-            return False
-        seen.add(called)
-        statements = [statement for _, statement in self.flow.programs[called].lines]
-        return any("MOVE" in text or self._moves(text.split()[0], seen) for text in statements)
 
     def _call(self, found: Match) -> None:
         """Execute a procedure of the module; note other statements."""
@@ -256,7 +248,7 @@ class _RapidReader:
         text = self.data["WOBJDATA", wobj]
         numbers, (held, fixed) = read_numbers(text, OBJECT), re.findall("FALSE|TRUE", text)
         if held == "TRUE":
-            raise InputError(f"work object {wobj} is held by the robot, which is not read")
+            raise InputError(f"work object {wobj} is held by the robot, which is not read; write the tool's path")
         if fixed == "FALSE":
             self.note(f"work object {wobj} moves with another unit: the path is taken in it as it is written")
             return None

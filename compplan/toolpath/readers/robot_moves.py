@@ -1,4 +1,4 @@
-"""Interpreter of robot programs, shared by KRL and RAPID: straight, circular and spline moves between poses.
+"""Interpreter of robot programs, shared by KRL and RAPID: straight and circular moves between poses.
 
 Millimetres; poses (4, 4) are those of the TCP in the active frame (base, work object).
 """
@@ -11,12 +11,11 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation, Slerp
 
 from compplan.errors import InputError
 from compplan.io.tables import Array
-from compplan.toolpath.readers.arcs import Point, find_arc, sample_arc
+from compplan.toolpath.readers.arcs import Point, build_arc, sample_arc
 from compplan.toolpath.readers.cnc.flow import Flow
 from compplan.toolpath.readers.lines import DECIMAL
 from compplan.toolpath.readers.moves import MoveLog
@@ -28,8 +27,6 @@ NUMBER = rf"{DECIMAL}(?:E[-+]?\d+)?"
 DEEPEST = 20
 #: Least change of the tool axis. [rad]
 STEADY = 1e-6
-#: Points on each span of a spline.
-SPLINE_POINTS = 16
 
 
 #: Pattern of statements and their operation; None: they do not affect the path.
@@ -152,7 +149,7 @@ class RobotProgram:
         goal = self.frame @ pose
         before = self._begin(goal)
         through = self.frame[:3, :3] @ via + self.frame[:3, 3]
-        arc = find_arc(_point(before), _tuple(through), _point(goal), angle)
+        arc = build_arc(_point(before), _tuple(through), _point(goal), angle)
         if angle is not None:
             goal[:3, 3] = sample_arc(arc, self.log.chord)[-1]
         if self._count_pieces(before, goal) == 1:
@@ -165,21 +162,6 @@ class RobotProgram:
             self.log.length = length + arc.length
             self.log.arc_length += arc.length
         self.pose = goal
-
-    def spline(self, poses: list[Array], feed: float) -> None:
-        """Move on a cubic spline through poses with a feed in mm/s."""
-        ends = [self.frame @ pose for pose in poses]
-        points = np.array([self._begin(ends[0]), *ends])
-        self.note(
-            "splines are read as cubic ones through their points (assumed: the controller's own is not published)"
-        )
-        length = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(points[:, :3, 3], axis=0), axis=1))]
-        if np.any(np.diff(length) <= 1e-9):
-            raise InputError("two points of a spline coincide")
-        places = np.interp(np.arange(1, SPLINE_POINTS * len(ends) + 1) / SPLINE_POINTS, np.arange(len(points)), length)
-        turn = Slerp(length, Rotation.from_matrix(points[:, :3, :3]))
-        self._cut(CubicSpline(length, points[:, :3, 3])(places), turn(places), feed)
-        self.pose = points[-1]
 
     def _begin(self, end: Array) -> Array:
         """Return the start pose of a straight or circular move to a pose."""

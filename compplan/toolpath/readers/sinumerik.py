@@ -29,7 +29,7 @@ from compplan.toolpath.readers.cnc.origins import FRAME_WORDS, Origins, change_f
 from compplan.toolpath.readers.cnc.sinumerik_program import FLOW, SinumerikFlow, strip
 from compplan.toolpath.readers.cnc.state import AXES, INCH, CncBlock, State
 from compplan.toolpath.readers.frames import PLANE_NORMALS, UP
-from compplan.toolpath.readers.gcode import BEGINNING
+from compplan.toolpath.readers.gcode import BEGINNING, refuse_turning
 from compplan.toolpath.readers.lines import count_lines, split_lines
 from compplan.toolpath.readers.moves import CamFile
 from compplan.toolpath.readers.options import CamTable
@@ -59,7 +59,7 @@ FOREIGN = re.compile(
 )
 #: Lengths of a motion block; addresses that do not affect the path.
 LENGTHS = (*AXES, *"IJK", *MIDDLES, "CR", "RP")
-SILENT = frozenset(("F", "S", "T", "D", "H", "M", "P", "FB", "FRC", "FRCM", "RNDM", "FA", "DISCL", "FGREF", "TOFFL",
+SILENT = frozenset(("F", "S", "T", "D", "H", "M", "P", "FB", "FRC", "FRCM", "FA", "DISCL", "FGREF", "TOFFL",
                     "TOFFR", "OMA", "STOLF", "TCARR", *VALUES, *CORNERS))  # fmt: skip
 OF_ARCS = frozenset(("CR", "AR", "TURN", *MIDDLES))
 #: Moves in machine coordinates, which are left out: their end points may be unknown.
@@ -68,7 +68,7 @@ TOOL_NAME = re.compile(r"\bT\d*\s*=\s*\"([^\"]*)\"", re.IGNORECASE)
 #: Words of motions that are not supported.
 REFUSED = re.compile(
     r"[ABC]SPLINE|POLY|POLYPATH|INVCC?W|A?ROTS?|CROTS?|TRANSMIT\w*|TRACYL\w*|TRAANG|TRACON|TOFRAME\w?|TOROT\w?|PAROT|"
-    r"MEAS|MEAW|DIAMON|ROTATION|OFFN|CORROF|PTP|EAUTO|ENAT|BAUTO|BNAT|MEAC|TANG\w*|ORIPATH\w*|ORICON\w*|COUPON"
+    r"MEAS|MEAW|DIAMON|DIAM90|ROTATION|OFFN|CORROF|PTP|EAUTO|ENAT|BAUTO|BNAT|MEAC|TANG\w*|ORIPATH\w*|ORICON\w*|COUPON"
 )
 
 
@@ -84,6 +84,7 @@ def read(text: str, file: Path, options: CamTable) -> CamFile:
 
     The path is in the work offset that is active at the first move.
     """
+    refuse_turning(text, file)
     reader = Sinumerik(file, options)
     reader.run(text)
     return reader.it.log.finish(file, name, ", ".join(reader.it.state.units) or "not stated", count_lines(text))
@@ -195,8 +196,6 @@ class Sinumerik:
                 raise InputError(f"word {address} is not read and may move the tool; post-process without it")
         if values.get("OVR", 100.0) != 100.0:
             it.note("OVR (a share of the feed) is not applied")
-        if "RNDM" in values:
-            state.rounding = values["RNDM"] * state.scale
         if "F" in values and 4.0 not in block.codes:
             state.set_feed(values["F"])
         if coordinate_use == "once" or not block.has(MOVING):
@@ -213,7 +212,10 @@ class Sinumerik:
             state.motion = 1.0
         if state.motion in (0.0, 1.0) and block.has(OF_ARCS):
             raise InputError("words of an arc (CR, AR, TURN) in a straight block")
-        it.motion.move(block)
+        if values.get("D") == 0.0 and "Z" in values:
+            it.leave_without_length(block, "D0")
+        else:
+            it.motion.move(block)
         return True
 
     def _call(self, called: str, arguments: list[str], times: float) -> None:
@@ -226,7 +228,7 @@ class Sinumerik:
                 head = next((text for text in heads if re.match(r"PROC\s+\w+\s*\(", text)), "()")
                 texts = lexer.read_brackets(head, head.index("("))[0]
                 if len(values) > len(texts):
-                    raise InputError(f"{called} is called with {len(values)} values that it does not take (PROC)")
+                    raise InputError(f"{called} is called with {len(values)} values, its PROC line takes {len(texts)}")
                 for text, value in zip_longest(texts, values):
                     head, _, default = text.partition("=")
                     name = head.split()[-1]

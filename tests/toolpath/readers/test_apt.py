@@ -96,13 +96,10 @@ def test_an_arc_about_a_tilted_axis_stays_in_its_plane(read) -> None:
     assert cam.toolpath.axis[-1].tolist() == [1, 0, 0]
 
 
-def test_arcs_with_a_start_direction_and_arcs_by_letters(read) -> None:
+def test_arcs_with_a_start_direction(read) -> None:
     head = "UNITS/MM\nFEDRAT/60\nFROM/20,0,0\nINDIRV/0,-1,0\n"
     catia = "TLON,GOFWD/ (CIRCLE/ 10,0,0,$\n 10.0),ON,(LINE/ 10,0,0,$\n10,10,0)\n"
     assert read(head + catia).facts.cutting_length_mm == pytest.approx(15 * np.pi)
-    letters = "UNITS/MM\nFEDRAT/60\nFROM/20,0,0\nCIRCLE/X,10,Y,10,I,-10,J,0{}\n"
-    assert read(letters.format("")).facts.cutting_length_mm == pytest.approx(15 * np.pi)
-    assert read(letters.format(",CCLW")).facts.cutting_length_mm == pytest.approx(5 * np.pi)
 
 
 def test_holes_of_a_cycle_are_no_cutting_moves(read) -> None:
@@ -136,6 +133,8 @@ def test_vendor_records_are_read_past_with_a_note(read) -> None:
         (ARC.format("CIRCLE/10,0,0,0,0,1"[:-4]), r":4: arc record with 5 numbers|:4: arc record with"),
         (ARC.format("CIRCLE/11,0,0,0,0,1,10"), r":5: arc starts 9.0000 mm from its centre and ends 10.0499"),
         ("MODE/INCR", r":1: MODE/INCR"),
+        ("CIRCLE/X,10,Y,10,I,-10,J,0", r":1: arc record .* is not read"),
+        ("UNITS/MM\nMULTAX/ON\nFROM/0,0,0,0,.6,.8\nMULTAX/OFF", r":4: MULTAX/OFF with a tilted tool"),
     ],
 )
 def test_what_is_not_read_is_refused_with_its_line(read, text: str, sentence: str) -> None:

@@ -45,7 +45,6 @@ REFUSED = [
     (".src", write_krl("ASYPTP {E1 100}"), "ASYPTP is not read and may move the tool"),
     (".src", write_krl("XP=XQ\nLIN XP", "XP={X 1,Y 0,Z 0,A 0,B 180,C 0}"), "position 'XP' is not known"),
     (".src", write_krl("IF Q THEN\nXP={X 5}\nENDIF\nLIN XP", "XP={X 1}"), "position 'XP' is not known"),
-    (".src", write_krl("SPLINE\nSPL {X 5,Y 5} WITH $VEL.CP=1\nENDSPLINE"), "SPL with data of its own"),
     (".mod", write_rapid("p1.trans.x:=5;"), "P1 changes on the way"),
     (".mod", write_rapid("p1:=Offs(p1,1,2,3);"), "P1 changes on the way"),
     (".mod", write_rapid("w1.uframe.trans.x:=100;"), "W1 changes on the way"),

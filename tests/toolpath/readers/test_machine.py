@@ -160,10 +160,19 @@ def test_a_block_of_inverse_time_feed_lasts_as_long_as_it_says_however_the_part_
     assert spent[1:].sum() == pytest.approx(30.0) and len(spent) > 20  # half a minute, in pieces
 
 
+def test_turned_axes_without_the_machine_matter_to_cuts_alone(read) -> None:
+    head = "G21 G90\nG43.4 H1\nG0 X0 Y0 Z50 A0 C0\nG1 X10 A20 C30 F500\nG0 Z100\nG49\n"
+    home = f"{head}G91 G28 Z0\nG90 G0 A0 C0\nG0 X0 Y0 Z9\n"
+    cam = read(f"{home}G1 Y5 F9\n", ".nc", machine="trunnion_ac_iso")
+    assert rows(cam)[-1][:3] == (0, 5, 9) and cam.facts.cutting_moves == 2
+    with pytest.raises(InputError, match=r"part.nc:7: A20 C30 without control of the tip"):
+        read(f"{head}G1 X20\n", ".nc", machine="trunnion_ac_iso")
+
+
 def test_a_head_swings_its_tip_about_the_pivot(read) -> None:
     cam = read("G21 G90\nG0 X0 Y0 Z0 B90\nG1 X5 F60\n", ".nc", rotary="head", pivot_mm=100.0)
     assert rows(cam)[-1][:3] == (-95, 0, 100)
-    with pytest.raises(InputError, match=r"part.nc:2: B90 without control of the tip .* state pivot_mm"):
+    with pytest.raises(InputError, match=r"part.nc:3: B90 without control of the tip .* state pivot_mm"):
         read("G21 G90\nG0 X0 Y0 Z0 B90\nG1 X5 F60\n", ".nc", rotary="head")
     with pytest.raises(InputError, match=r"state rotary_centre_mm .* or tip_control = true"):
         read("G21 G90\nG0 X0 Y0 Z0 B90\nG1 X5 F60\n", ".nc", rotary="table")
@@ -202,7 +211,7 @@ def test_a_tilted_plane_turns_path_and_tool(read) -> None:
     arc = (path[4:-4] - start) @ turned
     assert np.hypot(arc[:, 0] - 9, arc[:, 1]) == pytest.approx(2) and arc[:, 2] == pytest.approx(0, abs=1e-9)
     assert rows(cam)[-1][:3] == (5, 0, 100) and cam.toolpath.axis[-1].tolist() == [0, 0, 1]
-    with pytest.raises(InputError, match=r"a cut in a tilted plane .* that the tool is not turned to"):
+    with pytest.raises(InputError, match=r"a cut in a tilted plane .* before the tool is oriented to it"):
         read("G21 G90\nG0 X0 Y0 Z9\nG68.2 X0 Y0 Z0 I0 J30 K0\nG0 X0 Y0 Z5\nG1 Z0 F9\n", ".nc")
 
 
@@ -337,7 +346,7 @@ def test_macros_loops_jumps_and_subprograms_of_the_file_are_carried_out(read) ->
         ("GOTO 77", ":3: a jump to N77, which is not in this program"),
         ("WHILE [1 EQ 2] DO 1\nG1 X1 F9", "a jump to END1, which"),
         ("#1=1/0", ":3: expression .* has no value"), ("#1=SQRT[-1]", "has no value"), ("#1=[1", "expected '\\]'"),
-        ("G1 X" + "[" * 100 + "1" + "]" * 100, "more than 50 brackets"),
+        ("G1 X" + "[" * 100 + "1" + "]" * 100, "more than 50 nested brackets"),
         ("IF [1 EQ 1] THAT", "expected IF \\[..\\] GOTO or THEN"), ("#1=5 AND 3", "of conditions only"),
     ],
 )  # fmt: skip

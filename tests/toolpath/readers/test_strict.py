@@ -49,7 +49,7 @@ def test_exponents_are_read_or_refused_and_never_dropped(read) -> None:
         ("(a (b) X5", "cannot read"),
         ("G123 X5", "G123 with coordinates is not read"),
         ("G70 I5 J0 L4", "lathe cycle or bolt circle"),
-        ("G10 L2 P0 X5", "moves the work offset in force, and what it was is not known"),
+        ("G10 L2 P0 X5", "moves the work offset in force, which is not known"),
         ("L100 P3", "subprogram call L100 is not read"),
         ("G1 X5 ,A45", "cannot read ',A45'"),
     ],
@@ -63,6 +63,14 @@ GEOMETRY = [
     "BSPLINE", "SCALE X2 Y3", "PLANE SPATIAL SPA+10", "REPEATB L1", "TRANSMIT", "G68.3 X1",
     "G66 P1",
 ]  # fmt: skip
+
+
+@pytest.mark.parametrize("head", ["G92 S500 (Y5)", "G96 S200 M3", "T0101", "G50 S2000"])
+def test_turning_programs_are_refused(read, head: str) -> None:
+    turned = f"G21\n{head}\nG0 X50. Z2.\nG1 Z-20. F.2\n"
+    with pytest.raises(InputError, match=r"part.nc:2: a turning program \(no Y\) is not read"):
+        read(turned)
+    assert length(read(turned.replace("Z2.", "Y0 Z2."))) == 22
 
 
 @pytest.mark.parametrize("word", GEOMETRY)
@@ -109,12 +117,6 @@ def test_work_offsets_that_the_program_states_move_the_path(read) -> None:
     assert cam.toolpath.position[-1].tolist() == pytest.approx([0.11, 0, 0]) and not cam.facts.notes
     with pytest.raises(InputError, match=r"part.nc:5: the file cuts in G54 and in G55, .* state which one .* G10 L2"):
         read(HEAD + "G1 X10 F9\nG10 L2 P2 X100\nG55\nG1 X20\n")
-
-
-def test_machine_moves_are_kept_where_the_offset_is_known(read) -> None:
-    cam = read("G10 L2 P1 X0 Y0 Z100\n" + HEAD + "G53 G0 Z150\nG1 Z0 F9\n")
-    assert length(cam) == 50 and not cam.facts.notes
-    assert "machine coordinates (G53) are left out" in read(HEAD + "G53 G0 Z150\nG0 Z9\nG1 Z1 F9\n").facts.notes[0]
 
 
 @pytest.mark.parametrize(
@@ -189,7 +191,7 @@ def test_corners_are_rounded_or_cut_off_as_asked(read, corner: str, expected: fl
     ("text", "sentence"),
     [
         ("G1 X10 F9 ,R20\nY10\n", ":3: a corner of 20 takes 20 of moves of 10"),
-        ("G1 X10 F9 ,R2\nG0 Y10\n", ":3: a corner is rounded or cut between two straight moves"),
+        ("G1 X10 F9 ,R2\nG0 Y10\n", ":3: the rounded or cut corner of line 2 has no cutting move"),
         ("G1 X10 F9 ,R2\nX0\n", ":3: the path turns back"),
         ("G1 X10 F9 ,R2\n", ":2: the rounded or cut corner of line 2 has no cutting move after it"),
     ],

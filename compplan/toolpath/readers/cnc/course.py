@@ -163,9 +163,11 @@ class Course:
 
     def check_place(self, axes: Iterable[int]) -> None:
         """Refuse a block that depends on an unknown coordinate of these axes."""
-        unknown = set(axes).intersection(self.unknown)
+        unknown = " ".join("XYZ"[axis] for axis in sorted(set(axes).intersection(self.unknown)))
         if unknown and not self.suspended:
-            find_start(self.position, unknown, None, self.reason)
+            why = f" ({self.reason})" if self.reason else ""
+            raise InputError(f"this block counts from where the tool is, and {unknown} of the tool is not known{why}; "
+                             f"write {unknown} into it, or let a rapid move to them come first")  # fmt: skip
 
     def leave_out(self, target: Point) -> bool:
         """Leave out a cut if moves are suspended; return whether they are."""

@@ -27,6 +27,7 @@ PECK_NOTE = (
     f"G83 comes back to {PECK_CLEARANCE_MM:g} mm above the depth before, G73 goes back by as much: "
     "assumed, the control's own setting is not in the file"
 )
+WITHOUT_PECKS = "the retracts between the pecks of a hole are left out: it is drilled in one move"
 #: Cycles of G-code that retract at the feed, dwell at the bottom, and reverse the spindle there.
 FEED_BACK = frozenset({74.0, 84.0, 85.0, 89.0})
 DWELLING = frozenset({82.0, 89.0, 76.0, 88.0, 74.0, 84.0})
@@ -35,7 +36,7 @@ NOT_CUT = {87.0: "back boring", 88.0: "boring with a retract by hand"}
 #: Drilling cycles of Sinumerik, and whether the tool retracts from the hole at a feed.
 DRILLING = {"CYCLE81": False, "CYCLE82": False, "CYCLE83": False, "CYCLE84": True, "CYCLE840": True, "CYCLE85": True,
             "CYCLE86": False, "CYCLE87": False, "CYCLE88": False, "CYCLE89": True}  # fmt: skip
-PATTERNS = {"HOLES1", "HOLES2", "CYCLE801"}
+PATTERNS = {"HOLES1", "HOLES2"}
 REFUSED = re.compile(r"CYCLE\d+|POCKET\d|SLOT\d|LONGHOLE|HOLES\d|CONTPRON|CONTDCON")
 #: Calls that do not affect the path.
 SILENT_CALLS = frozenset((
@@ -230,7 +231,7 @@ def _run_hole(it: Interpreter, code: float, target: Point, named: tuple[int, ...
 
 
 class SinumerikCycles:
-    """Drilling cycles of Sinumerik programs: CYCLE81 to 89 and 840, MCALL, HOLES1, HOLES2, CYCLE801."""
+    """Drilling cycles of Sinumerik programs: CYCLE81 to 89 and 840, MCALL, HOLES1, HOLES2."""
 
     def __init__(self, it: Interpreter, evaluate: Callable[[str], float]) -> None:
         self.it, self.evaluate = it, evaluate
@@ -280,20 +281,20 @@ class SinumerikCycles:
         else:
             feed = out = it.motion.feed(0.0)
         axis, clear = DEEP_AXIS[it.state.plane], surface + sense * abs(sdis or 0.0)
+        if called == "CYCLE83":
+            it.note(WITHOUT_PECKS)
         with it.log.hole():
             drill(it.course, Hole(axis, clear, bottom, rtp, feed, out if DRILLING[called] else None), called)
 
     def _drill_pattern(self, called: str, n: list[float]) -> None:
-        """Execute HOLES1 (a row), HOLES2 (a circle) and CYCLE801 (a grid) with the modal cycle."""
+        """Execute HOLES1 (a row) and HOLES2 (a circle) with the modal cycle."""
         if self.modal is None:
             raise InputError(f"{called}, and no drilling cycle is called before it (MCALL)")
         corner, count = (n[0], n[1]), int(n[5])
         if called == "HOLES1":  # SPCA, SPCO, STA1, FDIS, DBH, NUM
             places = list_grid(corner, n[2], (n[4], 0.0), (count, 1), n[3])
-        elif called == "HOLES2":  # CPA, CPO, RAD, STA1, INDA, NUM
+        else:  # CPA, CPO, RAD, STA1, INDA, NUM
             places = list_circle(corner, n[2], n[3], n[4] or 360.0 / max(count, 1), count)
-        else:  # SPCA, SPCO, STA, DIS1, DIS2, NUM1, NUM2
-            places = list_grid(corner, n[2], (n[3], n[4]), (count, int(n[6])))
         first, second = PLANE_AXES[self.it.state.plane]
         self.it.contour.refuse_open()
         for u, v, _ in places:

@@ -98,7 +98,7 @@ class Parser:
             return float(number.replace("EX", "E"))
         self.depth += 1
         if self.depth > DEEPEST:
-            raise ValueError(f"more than {DEEPEST} brackets within brackets, in {self.text[:40]!r}")
+            raise ValueError(f"more than {DEEPEST} nested brackets, in {self.text[:40]!r}")
         try:
             if word:
                 return self._named(word)

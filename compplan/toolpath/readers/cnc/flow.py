@@ -96,8 +96,8 @@ class Flow:
     def run_program(self, name: str, program: CncProgram, times: float, start: int | None = None) -> None:
         """Execute a subprogram `times` times."""
         if not 0 <= times <= MOST_CALLS or self.depth >= self.deepest:
-            raise self.error(f"subprogram {name} is called {times:g} times at depth {self.depth + 1}, allowed are "
-                             f"{MOST_CALLS} times and a depth of {self.deepest}")  # fmt: skip
+            raise self.error(f"subprogram {name} is called {times:g} times at depth {self.depth + 1}, at most "
+                             f"{MOST_CALLS} times and depth {self.deepest} are read")  # fmt: skip
         here, self.file, at = self.line, program.file, self.file
         self.depth += 1
         for _ in range(int(times)):

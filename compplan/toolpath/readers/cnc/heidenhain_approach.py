@@ -31,7 +31,7 @@ def find_begin(kind: str, values: Mapping[str, float], side: float, far: complex
     if kind == "LCT" and not side:
         side = math.copysign(1.0, radius * ((far - first) * left.conjugate()).real)
     if not side:
-        raise ValueError(f"{kind} without RL or RR does not say to which side of the contour it goes")
+        raise ValueError(f"{kind} needs RL or RR, the side of the contour")
     if kind == "LN":
         return first + length * side * left, None, True
     if radius == 0.0:

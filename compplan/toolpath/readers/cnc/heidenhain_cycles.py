@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
-import math
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from compplan.errors import InputError
-from compplan.toolpath.readers.arcs import Point, cross, set_levels
-from compplan.toolpath.readers.cnc.cycles import SKIPPED, Hole, drill, go_to_level, list_circle, list_grid
-from compplan.toolpath.readers.cnc.heidenhain_words import ASSIGN, CYCLE, NUMBER, TILT_ANGLES, VALUE, KlartextWords
+from compplan.toolpath.readers.arcs import Point, set_levels
+from compplan.toolpath.readers.cnc.cycles import (
+    SKIPPED,
+    WITHOUT_PECKS,
+    Hole,
+    drill,
+    go_to_level,
+    list_circle,
+    list_grid,
+)
+from compplan.toolpath.readers.cnc.heidenhain_words import CYCLE, NUMBER, TILT_ANGLES, VALUE, KlartextWords
 from compplan.toolpath.readers.cnc.interpreter import Interpreter
 from compplan.toolpath.readers.cnc.state import AXES
 from compplan.toolpath.readers.frames import (
@@ -18,7 +25,6 @@ from compplan.toolpath.readers.frames import (
     PLANE_AXES,
     PLANE_NORMALS,
     Frame,
-    frame_from_normal,
     mirror,
     rotate,
     stretch,
@@ -27,7 +33,7 @@ from compplan.toolpath.readers.lines import match_form
 
 #: Drilling cycles, and whether the tool retracts at the feed; old cycles, and the number of the part with their feed.
 DRILLING = {1: False, 2: True, 17: True, 200: False, 201: True, 202: True, 203: False, 205: False, 206: True,
-            207: True, 208: False, 209: True, 240: False}  # fmt: skip
+            207: True, 209: True, 240: False}  # fmt: skip
 OLD = {1: 5, 2: 4, 17: 3}
 #: Tapping cycles at the pitch of the thread, and its part or parameter.
 PITCHES = {17: "3", 207: "Q239", 209: "Q239"}
@@ -36,7 +42,7 @@ SILENT = {13, 32, 239, 332, 392}
 #: Rapid retraction, written as a feed. [mm/min]
 FASTEST = 99999.0
 AXIS_VALUE = re.compile(rf"(I?)([XYZ])\s*({VALUE})")
-NAMED = re.compile(rf"(P\d[XYZ]|[A-Z]+)\s*({VALUE})")
+NAMED = re.compile(rf"(SP[ABC])\s*({VALUE})")
 #: Words of PLANE for the positioning of the rotary axes, without effect on the plane.
 HOW = re.compile(
     r"\b(MOVE|TURN|STAY|SEQ\s*[-+]|SYM\s*[-+]|TABLE\s+ROT|COORD\s+ROT|F\s*MAX|F\s*AUTO|F\s*[\d.,]+|FQ\d+|"
@@ -104,21 +110,22 @@ class HeidenhainCycles:
             if last:
                 self.cycle.values[str(part)] = self.value(last.group(1))
         elif number in DRILLING or number in (220, 221):
-            cycle = Cycle(number, {name: self._read_value(value) for name, value in CYCLE_VALUE.findall(rest)})
-            self.words.values.update(cycle.values)
-            self.defining = True
-            if number in DRILLING:
-                self.cycle = cycle
-            else:
-                self._drill_pattern(cycle)
+            drilling, self.cycle, self.defining = self.cycle, Cycle(number), True
+            self.add_values(rest, named=True)
+            if number not in DRILLING:
+                pattern, self.cycle = self.cycle, drilling
+                self._drill_pattern(pattern)
         elif number not in SILENT:
             raise InputError(f"CYCL DEF {number} is not read; write its moves out in the CAM system")
 
-    def add_value(self, text: str) -> None:
-        """Add a value from a separate line after the definition of its cycle."""
-        found = ASSIGN.match(text)
-        if found and self.cycle is not None:
-            self.cycle.values[found.group(1)] = self._read_value(found.group(2).strip())
+    def add_values(self, text: str, *, named: bool = False) -> bool:
+        """Add the values of a text to the cycle, and return whether it holds nothing else; `named`: after a name."""
+        found = CYCLE_VALUE.findall(text)
+        if self.cycle is None or (not named and CYCLE_VALUE.sub("", text).strip()):
+            return False
+        self.cycle.values.update({name: self._read_value(value) for name, value in found})
+        self.words.values.update(self.cycle.values)
+        return True
 
     def _read_value(self, text: str) -> float:
         if text.endswith("MAX"):
@@ -132,29 +139,33 @@ class HeidenhainCycles:
     def call(self, place: Point | None = None) -> None:
         """Drill at the position of the tool, or at another one, whose height is added to the surface Q203."""
         if place is not None:
-            above = self.cycle.values.get("Q203", 0.0) if self.cycle else 0.0
-            self._drill_over(place, {"Q203": above + place[self.words.tool_axis]}, "CYCL CALL at positions")
+            above = self.words.values.get("Q203", 0.0) + place[self.words.tool_axis]
+            self._drill_over(place, {"Q203": above}, "CYCL CALL at positions")
             return
         self.it.contour.refuse_open()
         if self.cycle is None:
-            raise InputError("a cycle is called, and none that is read is defined")
+            raise InputError("a cycle is called before a supported cycle is defined")
         self._drill(self.cycle)
 
-    def _drill_over(self, place: Point, changes: Mapping[str, float], what: str) -> None:
+    def _drill_over(self, place: Point, changes: dict[str, float], what: str) -> None:
         """Move rapidly above a position at the current height, and drill there with modified values of the cycle."""
         if self.cycle is None or self.cycle.number in OLD:
             raise InputError(f"{what} needs a cycle from 200 before it")
         height = self.it.course.position[self.words.tool_axis]
         self.it.course.rapid(set_levels(place, {self.words.tool_axis: height}), PLANE_AXES[self.it.state.plane])
-        self._drill(Cycle(self.cycle.number, {**self.cycle.values, **changes}))
+        self._drill(self.cycle, changes)
 
-    def _drill(self, cycle: Cycle) -> None:
+    def _drill(self, cycle: Cycle, changes: dict[str, float] | None = None) -> None:
         """Execute a cycle at the position of the tool.
 
         It drills from the set-up clearance Q200 above the surface Q203 to the depth Q201 and retracts to Q204 above the
-        surface. Cycles 1, 2 and 17 drill from the current level by set-up clearance plus depth, and retract to it.
+        surface, with the present values of its parameters. Cycles 1, 2 and 17 drill from the current level by set-up
+        clearance plus depth, and retract to it.
         """
-        course, axis, values, old = self.it.course, self.words.tool_axis, cycle.values, cycle.number in OLD
+        course, axis, old = self.it.course, self.words.tool_axis, cycle.number in OLD
+        if not old:
+            cycle = Cycle(cycle.number, {name: self.value(name) for name in cycle.values} | (changes or {}))
+        values = cycle.values
         if pitch := PITCHES.get(cycle.number):
             feed = abs(cycle.get(pitch)) * self.words.unit * self.it.state.spindle / 60.0
         else:
@@ -182,38 +193,19 @@ class HeidenhainCycles:
             top = max(clear, surface + values.get("Q204", 0.0))
             self.it.state.motion = 0.0
         with self.it.log.hole():
-            if cycle.number == 208 and depth != 0.0 and self.it.options.cycles == "expand":
-                go_to_level(course, axis, clear)
-                self._mill_bore(values, clear, bottom, feed)
-                go_to_level(course, axis, clear)
-                go_to_level(course, axis, top)
-            elif depth != 0.0:
+            if depth != 0.0:
+                if 0.0 < values.get("3" if old else "Q202", 0.0) < -depth:
+                    self.it.note(WITHOUT_PECKS)
                 hole = Hole(axis, clear, bottom, top, feed, out, by_clear=True)
                 drill(course, hole, str(cycle.number))
             elif not old:
                 go_to_level(course, axis, top)
 
-    def _mill_bore(self, values: Mapping[str, float], first: float, bottom: float, feed: float) -> None:
-        """Mill a bore (cycle 208): outwards from its centre, down a helix, full circle at the bottom, back."""
-        radius, course, plane = self.words.radii.get(self.words.tool), self.it.course, self.it.state.plane
-        if radius is None:
-            raise InputError("cycle 208 needs the radius of the tool (TOOL DEF n R), which the program does not state")
-        reach, pitch = 0.5 * values.get("Q335", 0.0) - radius, abs(values.get("Q334", 0.0))
-        if reach <= 0.0 or pitch <= 0.0:
-            raise InputError("cycle 208 needs a bore Q335 wider than the tool and an infeed Q334")
-        middle, one = course.position, PLANE_AXES[plane][0]
-        end = set_levels(middle, {self.words.tool_axis: bottom})
-        course.line(set_levels(middle, {one: middle[one] + reach}), feed)
-        for turns in (max(1, math.ceil((first - bottom) / pitch - 1e-9)), 1):
-            low = set_levels(end, {one: middle[one] + reach})
-            course.arc(low, feed, middle, PLANE_NORMALS[plane], turns)
-        course.line(end, feed)
-
     def _drill_pattern(self, pattern: Cycle) -> None:
         """Execute cycles 220 (holes on a circle) and 221 (holes in rows) with the drilling cycle defined before."""
         get, n, course, axis = pattern.get, pattern.values, self.it.course, self.words.tool_axis
         if n.get("Q365", 0.0) != 0.0:
-            raise InputError("cycle 220 with arcs between its holes (Q365=1) is not read")
+            raise InputError("cycle 220 with arcs between its holes (Q365=1) is not read; set Q365=0")
         kept: dict[str, float] = {name: n[name] for name in ("Q200", "Q203", "Q204") if name in n}
         if n.get("Q301", 1.0) == 0.0:
             kept["Q204"] = 0.0
@@ -257,7 +249,7 @@ class HeidenhainCycles:
     def _refuse_within(self, what: str, *names: str) -> None:
         """Refuse a frame that is stated inside other active frames."""
         if found := [name for name in names if name in self.it.frames]:
-            raise InputError(f"{what} after a {found[0]} is not read; state it before, or take the {found[0]} back")
+            raise InputError(f"{what} after a {found[0]} is not read; state it before, or cancel the {found[0]} first")
 
     def _name_preset(self, rest: str) -> None:
         """Execute cycle 247: the first datum is that of the path."""
@@ -329,34 +321,12 @@ class HeidenhainCycles:
             self.it.course.set_tool_axis(axis)
 
     def run_plane(self, rest: str) -> None:
-        """Execute PLANE .. ."""
+        """Execute PLANE SPATIAL and PLANE RESET."""
         kind, _, words = rest.partition(" ")
+        if kind not in ("SPATIAL", "RESET"):
+            raise InputError(f"PLANE {kind} is not read; use PLANE SPATIAL")
         words = HOW.sub(" ", f" {words} ")
-        numbers = {name: self.value(text) for name, text in NAMED.findall(words)}
-        if NAMED.sub("", words).strip():
-            raise InputError(f"PLANE {rest[:40]!r} is not read, {NAMED.sub('', words).strip()[:20]!r} is not known")
-        try:
-            self._set_tilt(self._find_plane(kind, numbers))
-        except KeyError as missing:
-            raise InputError(f"PLANE {kind} has no {missing.args[0]}") from None
-
-    def _find_plane(self, kind: str, n: dict[str, float]) -> Frame:
-        if kind == "RESET":
-            return Frame()
-        if kind == "SPATIAL":
-            return find_spatial(n["SPA"], n["SPB"], n["SPC"])
-        if kind == "EULER":
-            return rotate(2, n["EULPR"]).then(rotate(0, n["EULNU"])).then(rotate(2, n["EULROT"]))
-        if kind == "VECTOR":
-            return frame_from_normal((n["BX"], n["BY"], n["BZ"]), (n["NX"], n["NY"], n["NZ"]))
-        if kind == "POINTS":
-            one, two, three = ((n[f"P{i}X"], n[f"P{i}Y"], n[f"P{i}Z"]) for i in (1, 2, 3))
-            if any(one):
-                raise ValueError("PLANE POINTS is read with its first point at the datum; shift the datum there")
-            return frame_from_normal(two, cross(two, three))
-        if kind == "RELATIV":
-            (name, angle), *more = n.items()
-            if more or name not in ("SPA", "SPB", "SPC"):
-                raise ValueError("PLANE RELATIV takes one angle: SPA, SPB or SPC")
-            return self.it.plane.then(rotate("ABC".index(name[-1]), angle))
-        raise ValueError(f"PLANE {kind} is not read; use PLANE SPATIAL")
+        angles = {name: self.value(text) for name, text in NAMED.findall(words)}
+        if NAMED.sub("", words).strip() or len(angles) != (3 if kind == "SPATIAL" else 0):
+            raise InputError(f"PLANE {rest[:40]!r} is not read, expected SPA SPB SPC and how the axes turn")
+        self._set_tilt(find_spatial(*(angles.get(name, 0.0) for name in ("SPA", "SPB", "SPC"))))

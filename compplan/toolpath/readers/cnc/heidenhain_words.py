@@ -54,7 +54,7 @@ ADDRESSES = {**{letter: letter for letter in (*AXES, *LETTERS)}, "PR": "RP", "PA
 BARE = frozenset(("R0", "RL", "RR", "R+", "R-", "DR+", "DR-", "FMAX", "FAUTO"))
 UNREAD_AXES = frozenset(("U", "V", "W", "IU", "IV", "IW"))
 TOOL = re.compile(r"CALL\s*(\"[^\"]*\"|\d+(?:\.\d+)?|Q[LRS]?\d+)?\s*([XYZUVW](?=\s|$))?\s*(.*)")
-TOOL_DEF = re.compile(rf"DEF\s*(\"[^\"]*\"|\d+|Q\d+)?\s*(?:L\s*({VALUE}))?\s*(?:R\s*({VALUE}))?\s*(?:F\s*{VALUE})?\s*$")
+TOOL_DEF = re.compile(rf"DEF\s*(?:\"[^\"]*\"|\d+|Q\d+)?\s*(?:L\s*({VALUE}))?\s*(?:R\s*{VALUE})?\s*(?:F\s*{VALUE})?\s*$")
 #: Parameters that PLANE and cycle 19 set to the angles of the rotary axes.
 TILT_ANGLES = {"Q120", "Q121", "Q122"}
 
@@ -115,9 +115,8 @@ class KlartextWords:
         self.old = self.fast = False
         #: Side of the tool relative to the contour: L, R, or none.
         self.side = ""
-        #: Name or number of the tool in the spindle, radii [program unit] by tool, feed F of the tool call.
+        #: Name or number of the tool in the spindle, feed F of the tool call.
         self.tool = ""
-        self.radii: dict[str, float] = {}
         self.tool_feed: float | None = None
         #: Function that applies a change of the tool axis to the frames.
         self.turn_axis: Callable[[], None] = lambda: None
@@ -138,7 +137,7 @@ class KlartextWords:
         if name in self.values and not indices:
             return self.values[name]
         why = self.it.unknown.get(name, "the program gives it none")
-        raise ValueError(f"parameter {name} has no value that is known: {why}")
+        raise ValueError(f"parameter {name} has no value that is known: {why}; set it before")
 
     def forget(self, name: str, why: str) -> None:
         """Mark the value of a parameter as unknown, with the reason."""
@@ -225,10 +224,7 @@ class KlartextWords:
         """TOOL CALL and TOOL DEF: set the tool, its axis, radius, speed and feed."""
         it = self.it
         if re.match(r"DEF(?![A-Z])", text):
-            number, length, radius = match_form(TOOL_DEF, text, "tool TOOL").groups()
-            self.old = self.old or length is not None
-            if radius is not None:
-                self.radii[number or ""] = self.value(radius)
+            self.old = self.old or match_form(TOOL_DEF, text, "tool TOOL").group(1) is not None
             return
         called, axis, rest = match_form(TOOL, text, "tool call TOOL").groups()
         it.contour.refuse_open()

@@ -51,12 +51,19 @@ class Code:
 
 def ignore(coordinate_use: str = "") -> Code:
     """Return the operation of a word that does not affect the programmed path."""
-    return Code(lambda dialect, block, code: None, 2 if coordinate_use else 0, coordinate_use)
+    return note("", coordinate_use)
 
 
 def note(text: str, coordinate_use: str = "") -> Code:
-    """Return the operation of a word that is skipped with a note."""
-    return Code(lambda dialect, block, code: dialect.it.note(text), 2 if coordinate_use else 0, coordinate_use)
+    """Return the operation of a word that is skipped with a note, silently if that is empty."""
+
+    def run(dialect: Any, block: CncBlock, code: float) -> None:
+        if coordinate_use == "once" and block.has(dialect.moving) and not MOTIONS.isdisjoint(block.codes):
+            raise InputError(f"G{code:g} and a motion share the coordinates of a block; write two blocks")
+        if text:
+            dialect.it.note(text)
+
+    return Code(run, 2 if coordinate_use else 0, coordinate_use)
 
 
 def refuse(what: str) -> Code:
@@ -179,23 +186,28 @@ class Interpreter:
     def set_frame(self, *, carried: bool = False) -> None:
         """Update the frame of the coordinates; `carried`: rotary axes have moved the tool or the part along.
 
-        Moves with rotary axes away from 0 are left out if `rotary` is not stated.
+        Moves with rotary axes away from 0 are left out if the machine, or a dimension of it that they need, is not
+        stated; cuts are refused.
         """
-        frame = self.find_frame()
+        frame, missing = self.find_frame(), ""
         if not (self.tilted or self.controls_tip) and self.rotary.turned:
-            frame = self.rotary.place().then(frame)
+            try:
+                frame = self.rotary.place().then(frame)
+            except InputError as fault:
+                missing = fault.message
         if carried:
             self.course.move_frame(frame)
         elif frame != self.course.frame:
             self.contour.refuse_open()
             self.course.use(frame)
         if self.rotary.unknown and not self.tilted:
+            missing = (
+                f"rotary words {self.rotary.words} (line {self.flow.line}) turn the tool or the part; state which "
+                'with rotary = "head", "table" or "head_table" (--rotary), or machine = "NAME"'
+            )
+        if missing:
             if UNKNOWN_MACHINE not in self.course.suspended:
-                refusal = (
-                    f"rotary words {self.rotary.words} (line {self.flow.line}) turn the tool or the part; state which "
-                    'with rotary = "head", "table" or "head_table" (--rotary), or machine = "NAME"'
-                )
-                self.course.suspend(UNKNOWN_MACHINE, refusal, f"rapid {UNKNOWN_MACHINE} are left out")
+                self.course.suspend(UNKNOWN_MACHINE, missing, f"rapid {UNKNOWN_MACHINE} are left out")
         else:
             self.course.resume(UNKNOWN_MACHINE)
 
@@ -216,6 +228,17 @@ class Interpreter:
                 self.course.retreat()
             self.course.mark_unknown(axes)
         self.turn_home({letter: block.values[letter] for letter in LETTERS if letter in block.values})
+
+    def leave_without_length(self, block: CncBlock, words: str) -> None:
+        """Execute a block that cancels tool length compensation; its Z is left out: it is not a tip position."""
+        course = self.course
+        if self.state.motion != 0.0:
+            raise InputError(f"a cut to Z with the tool's length cancelled ({words}): the tip's place is not known")
+        self.note(f"Z of a block that cancels the tool's length ({words}) is left out: it is not a place in the part")
+        course.retreat()
+        course.mark_unknown([2])
+        del block.values["Z"]
+        course.rapid(*self.motion.target(block))
 
     def turn_home(self, angles: dict[str, float]) -> None:
         """Set the angles of rotary axes after a move that is left out."""

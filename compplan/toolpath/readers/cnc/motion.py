@@ -12,10 +12,10 @@ from compplan.toolpath.readers.arcs import (
     MOST_TURNS,
     Point,
     arc_about,
+    build_arc,
     centre_from_radius,
     combine,
     dot,
-    find_arc,
     normalise,
     orient,
     set_levels,
@@ -61,17 +61,12 @@ class MotionReader:
         #: Arcs that do not lie on a circle with incremental I J K.
         self.proofs: set[tuple[float, ...]] = set()
 
-    @property
-    def line(self) -> int:
-        """Current line."""
-        return self.course.reader.line
-
     def is_steady(self) -> bool:
         """Return whether a block of X Y Z F only is a straight cut to absolute coordinates."""
         state, course = self.state, self.course
         return bool(
             state.motion == 1.0 and state.feed and state.feed_mode == 94 and course.begun and not course.unknown
-            and not (state.incremental or state.polar or state.rounding or state.cycle_code or course.suspended)
+            and not (state.incremental or state.polar or state.cycle_code or course.suspended)
             and self.contour.idle
         )  # fmt: skip
 
@@ -174,8 +169,8 @@ class MotionReader:
         feed = state.to_mm_s(values["FRC"]) if values.get("FRC") else None
         for address, kind in CORNERS.items():
             if values.get(address):
-                return Corner(kind, values[address] * state.scale, feed, self.line)
-        return Corner("ROUND", state.rounding, None, self.line, modal=True) if state.rounding else None
+                return Corner(kind, values[address] * state.scale, feed, self.course.reader.line)
+        return None
 
     def _turn(self, block: CncBlock, *, rapid: bool) -> tuple[Point | None, bool]:
         """Return the tool axis of A3 B3 C3 or A B C (None: unchanged), and whether rotary axes move to it."""
@@ -252,7 +247,7 @@ class MotionReader:
         if self.contour.held is not None:
             return self.contour.held[0].tangent(self.contour.held[0].end)
         if self.course.last_direction is None or self.contour.approach is not None:
-            raise InputError(f"nothing is cut right before this block that it could go on from smoothly{word}")
+            raise InputError(f"this block continues a contour tangentially, but no cutting move is before it{word}")
         return normalise(combine(1.0, self.course.last_direction[1], -1.0, self.course.last_direction[0]))
 
     def _go_round(self, block: CncBlock, target: Point, corner: Corner | None) -> None:
@@ -263,8 +258,8 @@ class MotionReader:
         normal = orient(PLANE_NORMALS[plane], right_hand=state.motion == 3.0)
         if state.motion == "CIP":
             if block.values.keys().isdisjoint(MIDDLES):
-                raise InputError("CIP has no point on its way, expected I1= J1= K1=")
-            arc = find_arc(start, state.place(block, start, MIDDLES)[0], target)
+                raise InputError("CIP has no intermediate point, expected I1= J1= K1=")
+            arc = build_arc(start, state.place(block, start, MIDDLES)[0], target)
             centre, normal = arc.centre, arc.normal
         elif state.motion == "CT":
             if abs(dot(combine(1.0, target, -1.0, start), normal)) > 1e-9:
@@ -301,7 +296,7 @@ class MotionReader:
             centre = set_levels(start, {axis: state.pole[axis] for axis in PLANE_AXES[plane]})
         else:
             names = " ".join("IJK"[axis] for axis in sorted(PLANE_AXES[plane]))
-            raise InputError(f"arc has neither a centre ({names}) nor a radius (R)")
+            raise InputError(f"arc has neither a centre ({names}) nor a radius (R); give it one")
         turns = values.get("TURN", 0.0)
         if not 0.0 <= turns < MOST_TURNS or turns != int(turns):
             raise InputError(f"arc of {turns:g} further turns, expected a whole number less than {MOST_TURNS}")

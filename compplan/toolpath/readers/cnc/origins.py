@@ -114,7 +114,7 @@ class Origins:
         """Execute G10 L2, which sets a work offset; note other forms of G10."""
         values, kind = block.values, block.values.get("L", 0.0)
         if kind == 20.0 or (kind == 2.0 and (self.state.incremental or values.get("R", 0.0) != 0.0)):
-            raise InputError("G10 that turns a work offset, or counts from where the tool is, is not read")
+            raise InputError("G10 that turns a work offset, or counts from the tool, is not read; state G10 L2")
         if kind != 2.0:
             self.it.note("G10 offsets are not read")
             return
@@ -126,7 +126,7 @@ class Origins:
         self.origins[code] = {**before, **stated}
         if code == self.active and (self.course.begun or list(self.course.unknown.values()).count(False) < 3):
             if stated.keys() - before.keys():
-                raise InputError("G10 L2 moves the work offset in force, and what it was is not known")
+                raise InputError("G10 L2 moves the work offset in force, which is not known; set it before")
             moved = {axis: self.base[axis] + (level - before[axis]) for axis, level in stated.items()}
             self.base = set_levels(self.base, moved)
             self.it.set_frames(origin=Frame(origin=self.zero))
@@ -191,24 +191,6 @@ class Origins:
             ))  # fmt: skip
         self.it.set_frames(origin=Frame(origin=self.zero))
 
-    def move_in_machine(self, block: CncBlock) -> None:
-        """Execute a move in machine coordinates (G53) if the active work offset is known; otherwise leave it out."""
-        course, origin, named = self.course, self.origins.get(self.active, {}), block.list_axes()
-        if any(axis not in origin for axis in named) or not course.frame.plain or block.has(frozenset(LETTERS)):
-            self.it.leave_out_machine_move(block, "G53")
-            return
-        cuts = self.state.motion == 1.0
-        if cuts:
-            course.begin_cut()
-        places = self.state.lengths(block).items()
-        levels = {axis: place - origin[axis] - self.origin[axis] - self.shifted[axis] for axis, place in places}
-        target = set_levels(course.position, levels)
-        self.it.contour.refuse_open()
-        if cuts and named:
-            course.line(target, self.it.motion.feed(math.dist(target, course.position)))
-        elif named:
-            course.rapid(target, named)
-
     def _find_centre(self, block: CncBlock, axes: Sequence[int] = (0, 1, 2)) -> Point:
         """Return the centre of a rotation or scaling: coordinates of the block, by default those of the tool."""
         stated = {axis: level for axis, level in self.state.lengths(block).items() if axis in axes}
@@ -265,7 +247,7 @@ class Origins:
     def turn_to_plane(self, code: float, *, stays: bool) -> None:
         """Execute G53.1 and G53.6: orient the tool normal to the tilted plane; `stays`: its tip does not move."""
         if not self.it.tilted:
-            raise InputError(f"G{code:g} without a tilted plane (G68.2) has nothing to turn to")
+            raise InputError(f"G{code:g} without a tilted plane; define one by G68.2 before it")
         self.turned_to_plane = True
         if not stays:
             self.it.course.mark_unknown()
@@ -275,7 +257,7 @@ class Origins:
         """Refuse a cut in a tilted plane to which the tool is not oriented."""
         turned = self.turned_to_plane or math.dist(self.it.plane.turn(UP), self.it.log.axis) <= 1e-9
         if self.it.tilted and not turned:
-            raise InputError("a cut in a tilted plane (G68.2) that the tool is not turned to (G53.1, or A B C)")
+            raise InputError("a cut in a tilted plane (G68.2) before the tool is oriented to it; add G53.1 or A B C")
 
 
 FRAME_WORDS = frozenset(("TRANS", "ATRANS", "ROT", "AROT", "SCALE", "ASCALE", "MIRROR", "AMIRROR"))

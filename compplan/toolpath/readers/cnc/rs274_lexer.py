@@ -145,14 +145,7 @@ class Lexer:
         self.begun = self.begun or any(letter not in "NO" for letter, _ in words)
         block = CncBlock()
         for letter, value in words:
-            if letter == "G":
-                block.codes.append(value)
-            elif letter == "M":
-                block.machine.append(value)
-            elif letter in block.values and letter in ONCE:
-                raise InputError(f"word {letter} stands twice in this block, expected once")
-            else:
-                block.values[letter] = value
+            block.put(letter, value, once=letter in ONCE)
         return block
 
     def _check_points(self, words: Words, line: str) -> None:

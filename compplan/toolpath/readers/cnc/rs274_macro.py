@@ -94,7 +94,7 @@ class Macros:
         value = self._scope(name).get(name)
         if value is None and name != "0" and not (len(self.local) > 1 and name.isdigit() and int(name) <= 33):
             shown = f"#{name}" if name.isdigit() else f"#<{name}>"
-            raise ValueError(f"{shown} is read before the file has set it")
+            raise ValueError(f"{shown} is read before the file has set it; set it in the file")
         return value
 
     def set(self, name: str, value: Value) -> None:

@@ -34,14 +34,14 @@ HARMLESS = frozenset((
     "COMPCURV", "COMPCAD", "COMPSURF", "UPATH", "SPATH", "ORIWKS", "ORIMKS", "ORIAXES", "ORIVECT", "ORIPLANE",
     "ORIEULER", "ORIRPY", "ORIRPY2", "ORIVIRT1", "ORIVIRT2", "ORIC", "ORID", "ORISON", "ORISOF", "OSC", "OSD", "OST",
     "OSOF", "OSS", "OSSE", "CUT2D", "CUT2DF", "CUT3DC", "CUT3DF", "KONT", "KONTC", "KONTT", "NORM", "CFC", "CFIN",
-    "CFTCP", "FNORM", "FLIN", "FCUB", "DIAMOF", "DIAM90", "WALIMON", "WALIMOF", "CDON", "CDOF", "CDOF2", "CPRECON",
+    "CFTCP", "FNORM", "FLIN", "FCUB", "DIAMOF", "WALIMON", "WALIMOF", "CDON", "CDOF", "CDOF2", "CPRECON",
     "CPRECOF", "RTLION", "RTLIOF", "SBLOF", "SBLON", "DISPLOF", "DISPLON", "SAVE", "FIFOCTRL", "STARTFIFO",
     "STOPFIFO", "FENDNORM", "FENDOFF", "EXTENDED", "GFRAME0", "CYCLE832", "CYCLE_HSC", "DYNNORM", "DYNPOS",
     "DYNROUGH", "DYNSEMIFIN", "DYNFINISH", "PRIO", "SPCON", "SPCOF", "TCARR", "TCOABS", "TCOFR",
 ))  # fmt: skip
 #: Words that change the path or its frame, or call a cycle at every position.
 CHANGING = (
-    r"A?TRANS|A?ROTS?|A?SCALE|A?MIRROR|MCALL|[ABC]SPLINE|POLY|TRANSMIT|TRACYL|TRAANG|TOFRAME|TOROT|DIAMON|OFFN|CIP|"
+    r"A?TRANS|A?ROTS?|A?SCALE|A?MIRROR|MCALL|[ABC]SPLINE|POLY|TRANSMIT|TRACYL|TRAANG|TOFRAME|TOROT|DIAMON|DIAM90|OFFN|CIP|"
     r"INVCC?W|TRAORI|TRAFOOF"
 )
 HEAD = re.compile(r"\s*%_N_(\w+?)_(MPF|SPF)\b", re.IGNORECASE)
@@ -152,15 +152,8 @@ class SinumerikBlocks:
 
     def _keep(self, address: str, number: float, how: str = "") -> None:
         words = self.words
-        if address == "G":
-            words.codes.append(number)
-        elif address == "M":
-            words.machine.append(number)
-        elif address in words.values:
-            raise ValueError(f"word {address} stands twice in this block, expected once")
-        else:
-            words.values[address] = number
-            (words.relative if how == "I" else words.absolute if how == "A" else set()).add(address)
+        words.put(address, number)
+        (words.relative if how == "I" else words.absolute if how == "A" else set()).add(address)
 
     def _read_named(self, name: str) -> None:
         """Read NAME, NAME=.., NAME[..]=.., NAME(..), R1=.., I1=.., A3=.., M1=.., S1=.."""

@@ -41,6 +41,15 @@ class CncBlock:
     names: list[str] = field(default_factory=list)
     calls: list[tuple[str, list[str]]] = field(default_factory=list)
 
+    def put(self, address: str, number: float, *, once: bool = True) -> None:
+        """Add a word; raise a ValueError if its address is in the block already and `once` allows one."""
+        if address in "GM":
+            (self.codes if address == "G" else self.machine).append(number)
+        elif once and address in self.values:
+            raise ValueError(f"word {address} stands twice in this block, expected once")
+        else:
+            self.values[address] = number
+
     def has(self, addresses: frozenset[str]) -> bool:
         """Return whether the block contains one of these addresses."""
         return not self.values.keys().isdisjoint(addresses)
@@ -83,8 +92,6 @@ class State:
     pole: Point | None = None
     pole_plane: int | None = None
     polar_words: dict[str, float] = field(default_factory=dict)
-    #: Modal rounding radius of corners (RNDM).
-    rounding: float = 0.0
     #: Whether the current block cancels tool length compensation.
     cancels_length: bool = False
     retract_to_start: bool = True
