@@ -10,7 +10,7 @@ among those stated .8 and more, and campaigns of unknown causes that are called 
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -37,9 +37,9 @@ from compplan.measurement.registration import fitted_parts
 from compplan.robot import read_robot_folder
 
 JUDGE, CAUSES, MAP = judged.__name__, unmodelled.__name__, probability.__name__
-#: Margin, spurious-fit probability and residual similarity, as the map weighs them, that stand for a term that is off
-#: (assumed: below the means of named claims of labelled campaigns, 3.7, 3.4 and 2.3, since doubtful ones count too).
-MEAN = (2.4, 2.8, 2.0)
+#: Margin and residual similarity, as the map weighs them, that stand for a term that is off (assumed: near
+#: the means of claims of labelled campaigns).
+MEAN = (2.0, 2.0)
 #: Weight of the squares of the standardised weights in a fit of the map (assumed).
 PENALTY = 0.3
 #: What replaces a name of a module where a mechanism is off.
@@ -65,8 +65,8 @@ def _keep(search: Any, model: Any) -> Any:
 MECHANISMS: dict[str, tuple[Switch, ...]] = {
     "everything on": (),
     "margin against the best other set": (_without_term(0),),
-    "spurious-fit probability": (_without_term(1),),
-    "residual similarity": (_without_term(2),),
+    "residual similarity": (_without_term(1),),
+    "effects alike that share the probability": ((f"{MAP}.AlternativeEffect.competes", False),),
     "bounds": ((f"{JUDGE}.find_breach", lambda *found: ""),),
     "least motion over the noise floor": ((f"{JUDGE}.NAMING", replace(judged.NAMING, nameable=0.0)),),
     "unmodelled causes: removing and adding claims": ((f"{CAUSES}._search_again", _keep),),
@@ -109,23 +109,15 @@ def ablate_case(case: Path) -> tuple[dict[str, Score], list[tuple[Any, bool]]]:
     """Score the answers to one campaign, without each mechanism in turn, and list the evidence of its claims."""
     fit, truth = fit_case(case), read_truth(case)
     doubt = unmodelled.revise_probabilities(fit)
-    checks = {name: getattr(judged, name)(fit, doubt) for name in CHECKS}
+    similarity = judged.rate_similarities(fit, doubt)
     scores = {}
     for name, switches in MECHANISMS.items():
         again = any(where.startswith(CAUSES) for where, _ in switches)
-        held: list[Switch] = [] if again else [(f"{JUDGE}.{c}", _returns(told)) for c, told in checks.items()]
+        held: list[Switch] = [] if again else [(f"{JUDGE}.rate_similarities", lambda *claims: similarity)]
         with switched_off([*held, *switches]):
             own = unmodelled.revise_probabilities(fit) if again else doubt
             scores[name] = score_answer(name_of(case), truth, answer(fit, own))
     return scores, list_evidence(case, fit, doubt)
-
-
-#: What is measured once for all mechanisms that judge the same claims.
-CHECKS = ("rate_spurious_fits", "rate_similarities")
-
-
-def _returns(value: Any) -> Callable[..., Any]:
-    return lambda *found: value
 
 
 def list_evidence(case: Path, fit: Fit, doubt: unmodelled.RevisedProbabilities) -> list[tuple[Any, bool]]:

@@ -11,7 +11,7 @@ from compplan.diagnosis.data.shared import LISTED, rank_number, rms_length
 from compplan.diagnosis.results.delivery import deliver_robot
 from compplan.diagnosis.results.posterior import set_calibrated_sizes
 from compplan.diagnosis.results.result import Candidate, Diagnosis, Gap
-from compplan.diagnosis.results.verdict import NAMING, Finding, Verdict, check_calibration, reach_verdict
+from compplan.diagnosis.results.verdict import Finding, Verdict, check_calibration, reach_verdict
 from compplan.diagnosis.search.fit import fit_effects
 from compplan.diagnosis.search.search import SEARCH, Claim, distinct_places
 from compplan.diagnosis.search.state import Fit, FitState, Problem, attain_state
@@ -85,7 +85,7 @@ def _register(problem: Problem, campaign: Campaign) -> tuple[Registration | None
 def _with_conventions(verdict: Verdict, problem: Problem, known: int) -> Verdict:
     """Insert conventions that were found beforehand before the other findings."""
     beforehand = problem.fixed[known:]
-    found = tuple(Finding(e, MAP.most_probable, float("inf"), NAMING.most_margin, (), 1.0, -1) for e in beforehand)
+    found = tuple(Finding(e, MAP.most_probable, float("inf"), float("inf"), (), 1.0, -1) for e in beforehand)
     if not found:
         return verdict
     status = {"none": "explained", "unknown": "partly_explained"}.get(verdict.status, verdict.status)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from compplan.diagnosis.data.shared import CERTAIN, ROUNDING, STEPS, beats_chance, rank_number, rms_length
 from compplan.diagnosis.evidence.candidates import REGISTRATION
+from compplan.diagnosis.evidence.evidence import Gain
 from compplan.diagnosis.evidence.likelihood import Hyper
 from compplan.diagnosis.evidence.normal_equations import representable_forms
 from compplan.diagnosis.search.search import SEARCH, Claim, Search, distinct_places
@@ -23,10 +24,8 @@ from compplan.diagnosis.validation.probability import (
     calibrate_probability,
     find_alternatives,
     rate_similarities,
-    rate_spurious_fits,
 )
 from compplan.diagnosis.validation.unmodelled import UNMODELLED, RevisedProbabilities
-from compplan.effects.linearization import Place
 from compplan.effects.signature import Effect
 from compplan.robot import Array
 
@@ -52,8 +51,6 @@ class NamingSettings:
     mentioned: float = 0.4
     #: Probability of a claim that unmodelled errors explain as well, and of one with an impossible size (assumed).
     refused: float = 1.0 - CERTAIN
-    #: Largest margin; larger ones are clipped (assumed).
-    most_margin: float = 1000.0
 
 
 NAMING = NamingSettings()
@@ -67,7 +64,8 @@ class Finding:
     effect: Effect  #: The effect, with its parameters.
     probability: float  #: Probability that it, or one indistinguishable from it, is present.
     explained: float  #: Root mean square motion of the target that it explains. [m]
-    margin: float  #: Log posterior odds against the best model without it, unmodelled errors in both.
+    #: Log posterior odds against the best model without it, unmodelled errors in both; infinite if there is none.
+    margin: float
     #: Effects that explain the same, best first; those with `alike` are ambiguous with it.
     rivals: tuple[AlternativeEffect, ...]
     size: float  #: Size of its prior, in units of its scale.
@@ -104,8 +102,8 @@ class Verdict:
 def reach_verdict(fit: Fit, revised: RevisedProbabilities) -> Verdict:
     """Decide which effects of a finished fit are named."""
     structure = measure_structure(fit, revised)
-    spurious, similar = rate_spurious_fits(fit, revised), rate_similarities(fit, revised)
-    findings = [evaluate_claim(fit, revised, c, (spurious[c], similar[c]), structure) for c in revised.model.claims]
+    similarity = rate_similarities(fit, revised)
+    findings = [evaluate_claim(fit, revised, c, similarity[c], structure) for c in revised.model.claims]
     findings = sorted(findings, key=lambda f: -rank_number(f.explained))
     small = NAMING.nameable * structure.floor
     minor = tuple(f for f in findings if f.explained < small and not only_in_readings(fit, revised, f))
@@ -147,23 +145,22 @@ def check_calibration(verdict: Verdict, before: float, after: float) -> Verdict:
 
 
 def evaluate_claim(
-    fit: Fit, revised: RevisedProbabilities, claim: Claim, checks: tuple[float, float], structure: Structure
-) -> Finding:  # fmt: skip
+    fit: Fit, revised: RevisedProbabilities, claim: Claim, similarity: float, structure: Structure
+) -> Finding:
     """Compare the model with the best ones without a claim, unmodelled errors in all of them."""
     values = revised.model.posterior.values(revised.search.equations.p)
     rivals = find_alternatives(fit, claim.signature, values[: fit.search.equations.p])
-    alike = {r.place for r in rivals if r.alike}
-    margin = margin_of(revised.search, revised.model.claims, revised.model.posterior.hyper, claim, alike)
+    margin, share = compare_sets(revised.search, revised.model.claims, revised.model.posterior.hyper, claim, rivals)
     equations = revised.search.equations
     columns = equations.columns(claim.signature)
     signature = equations.signatures[claim.signature]
     explained = motion_of(fit.search, columns, values)
-    evidence = Evidence(margin, *checks)
+    evidence = Evidence(margin, len(columns), similarity)
     effect = signature.effect(values[columns] * signature.scale)
     beyond = find_breach(fit, effect, explained, structure.gap)
     return Finding(
         effect=effect,
-        probability=NAMING.refused if beyond else calibrate_probability(evidence),
+        probability=NAMING.refused if beyond else share * calibrate_probability(evidence),
         explained=explained,
         margin=margin,
         rivals=tuple(rivals),
@@ -174,24 +171,36 @@ def evaluate_claim(
     )
 
 
-def margin_of(search: Search, claims: Sequence[Claim], hyper: Hyper, claim: Claim, alike: set[Place]) -> float:
-    """Return the log posterior odds of a set of claims against the best set without one of them; noise is held.
+def compare_sets(
+    search: Search, claims: Sequence[Claim], hyper: Hyper, claim: Claim, rivals: Sequence[AlternativeEffect]
+) -> tuple[float, float]:
+    """Compare a set of claims with the best sets without one of them; noise is held.
 
     A form that contains the claim as a special case (a nonlinear stiffness with a linear part contains a joint's
     stiffness) is the same with more parameters; it is not evidence against the claim.
+
+    Returns:
+        Log posterior odds against sets without the claim and all effects alike, infinite if no robot can have one of
+        these; and the posterior share of the claim among those alike that the campaign distinguishes from it.
     """
+    equations = search.equations
     rest = search.without(claims, claim)
-    whole = search.model(claims, hyper, fit=False)
+    whole = search.model(claims, hyper, fit=False).score
+    if not np.isfinite(whole):
+        return -np.inf, 1.0
     without = search.model(rest, hyper, fit=False)
-    scores = [without.score]
-    same = alike | {search.equations.signatures[claim.signature].place}
-    wider = representable_forms(search.equations, claim.signature)
-    gains = [g for g in search.gains(without) if g.signature not in wider]
-    gains = [g for g in gains if search.equations.signatures[g.signature].place not in same]
-    for gain in distinct_places(search, gains, SEARCH.tried):
-        scores.append(search.model((*rest, Claim(gain.signature, gain.size)), hyper, fit=False).score)
-    best = float(np.logaddexp.reduce(scores))
-    return float(np.clip(whole.score - best, -NAMING.most_margin, NAMING.most_margin)) if np.isfinite(best) else 0.0
+    own, wider = equations.signatures[claim.signature].place, representable_forms(equations, claim.signature)
+    alike, competing = {r.place for r in rivals if r.alike}, {r.place for r in rivals if r.competes}
+    gains = [(equations.signatures[g.signature].place, g) for g in search.gains(without) if g.signature not in wider]
+
+    def exchange(found: list[Gain]) -> list[float]:
+        best = distinct_places(search, found, SEARCH.tried)
+        return [search.model((*rest, Claim(g.signature, g.size)), hyper, fit=False).score for g in best]
+
+    others = [without.score, *exchange([g for place, g in gains if place not in alike and place != own])]
+    margin = whole - float(np.logaddexp.reduce(others))
+    together = np.logaddexp.reduce([whole, *exchange([g for place, g in gains if place in competing])])
+    return margin, float(np.exp(whole - together))
 
 
 def only_in_readings(fit: Fit, revised: RevisedProbabilities, finding: Finding) -> bool:

@@ -1,7 +1,7 @@
 """Bounds: largest sizes of effects that a robot of this kind can have, each with its reason.
 
 If a campaign cannot distinguish an effect from others, its fitted size may exceed the limits of weight, gears and data
-sheet. Such a claim is not named: its motion has another cause.
+sheet. Such a claim is not named: its motion has another cause. Neither is a step at the first or last few poses.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from compplan.diagnosis.data.shared import ROUNDING
+from compplan.diagnosis.data.shared import FEW_ROWS, ROUNDING
 from compplan.diagnosis.search.state import Fit
 from compplan.effects import Effect, thermal_drift
 from compplan.effects.gravity_sag import JOINTS
@@ -56,6 +56,7 @@ def find_breach(fit: Fit, effect: Effect, explained: float, gap: float) -> str:
     check = {
         "payload": _check_payload, "link_compliance": _check_bending, "base_compliance": _check_bending,
         "joint_stiffness": _check_bending, "gravity_sag": _check_bending, "thermal_drift": _check_growth,
+        "frame_shift": _check_step, "tool_shift": _check_step,
     }.get(effect.name)  # fmt: skip
     return "" if check is None else check(fit, effect)
 
@@ -99,6 +100,14 @@ def _check_growth(fit: Fit, effect: Effect) -> str:
     if grown <= LIMITS.most_warmed * LIMITS.expansion:
         return ""
     return f"a link would grow by {1e3 * grown:.2g} mm per metre: aluminium {grown / LIMITS.expansion:.2g} K warmer"
+
+
+def _check_step(fit: Fit, effect: Effect) -> str:
+    row, stay = int(effect.parameters["row"]), fit.problem.campaign.stay
+    for side, part in (("before", stay[:row]), ("after", stay[row:])):
+        if len(np.unique(part)) < FEW_ROWS:
+            return f"fewer than {FEW_ROWS} poses {side} row {row}: the values of a step fit any error of theirs"
+    return ""
 
 
 def stretched_moment(robot: Robot, joint: str | None) -> float:

@@ -1,4 +1,4 @@
-"""Probability of a claim: a logistic map of three features; and other effects that explain the same motion.
+"""Probability of a claim: a logistic map of its evidence; and other effects that explain the same motion.
 
 A true cause explains its complete error. A wrong effect of the same joint, frame or tool leaves part of it, and that
 part moves the target in the same directions. With m_i the motion of the target by the claim at row i, u_i its unit
@@ -10,33 +10,28 @@ values a row (three of a position),
 the residual along its motion beyond chance: the largest of every channel in which the claim moves more than the noise,
 with and without the unmodelled errors in the residual, since these may fit the rest of a wrong effect.
 
-A vocabulary of hundreds of effects explains part of any smooth error. Errors of no effect are drawn: a wave, step, kink
-or parabola of one or two quantities that vary in the campaign, along a direction of the base or of the tool, or as a
-rotation of a link; the best effect explains the share e of their squares, with frames and other claims fitted. With E =
-(squares explained - number of parameters) / (squares that the other claims leave - noise) of a claim, P(e >= E) over
-the draws is its spurious-fit probability.
+Each parameter also fits errors of no effect. The margin, the log posterior odds of a claim against the best model
+without it, is therefore divided by the number of its parameters, as the explained squares are in an F-test.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import expit, fdtri
+from scipy.special import chdtri, expit, fdtri
 
 from compplan.diagnosis.data.channels import group_poses
-from compplan.diagnosis.data.shared import LEVEL, NEGLIGIBLE, ROUNDING, SAMPLE, SEED, rank_number
+from compplan.diagnosis.data.shared import LEVEL, NEGLIGIBLE, ROUNDING, rank_number
 from compplan.diagnosis.evidence.candidates import REGISTRATION
 from compplan.diagnosis.evidence.evidence import combine_normal_equations
 from compplan.diagnosis.evidence.normal_equations import project_out
 from compplan.diagnosis.search.search import Claim
 from compplan.diagnosis.search.state import Fit
 from compplan.diagnosis.validation.unmodelled import UNMODELLED, RevisedProbabilities
-from compplan.effects.linearization import AXES, Linearization, Place
+from compplan.effects.linearization import Place
 from compplan.effects.signature import Signature
-from compplan.measurement.observations import along as take_along
 from compplan.robot import Array
 
 
@@ -48,31 +43,24 @@ class ProbabilitySettings:
     most_probable: float = 0.99
     #: Divisor of log odds: evidence of real campaigns is less sharp than its model (assumed).
     temper: float = 2.0
-    #: Margins beyond this count logarithmically (assumed).
-    margin_scale: float = 5.0
-    #: Ranges of spurious-fit probability and similarity, clipped outside: a high similarity may come from a larger
-    #: cause (assumed).
-    spurious_range: tuple[float, float] = (NEGLIGIBLE, 0.15)
+    #: Range of the similarity, clipped outside: a high one may come from a larger cause (assumed).
     similarity_range: tuple[float, float] = (0.1, 1.0)
-    #: Phase of a drawn error over one standard deviation of its quantity (assumed: from nearly straight to a wave that
-    #: a few dozen poses just resolve). [rad]
-    roughness: tuple[float, ...] = (0.5, 1.0, 2.0)
 
 
 MAP = ProbabilitySettings()
-#: Map from evidence to log odds, fitted by penalised logistic regression to claims of development campaigns and of
-#: parts of measured ones (assumed: that study is not kept; python -m benchmarks ablation prints the map of a suite):
-#: constant; weights of the margin (arsinh of it over its scale) and of minus the logarithms of spurious-fit probability
-#: and residual similarity. No weight may be negative. The margin accounts for the number of parameters.
-CONSTANT, WEIGHTS = -3.49, np.array([0.57, 0.69, 0.83])
+#: Map from evidence to log odds, fitted by penalised logistic regression to the claims of 221 labelled campaigns
+#: (study: python -m benchmarks ablation SUITE.. prints the map of its suites): constant; weights of the margin (arsinh
+#: of it a parameter) and of minus the logarithm of the residual similarity.
+CONSTANT, WEIGHTS = -4.65, np.array([0.92, 1.46])
 
 
 @dataclass(frozen=True)
 class Evidence:
     """Evidence for a claim."""
 
-    margin: float  #: Log posterior odds against the best model without it, unmodelled errors in both.
-    spurious: float  #: Spurious-fit probability (`rate_spurious_fits`).
+    #: Log posterior odds against the best model without it, unmodelled errors in both; infinite if there is none.
+    margin: float
+    parameters: int  #: Number of its parameters.
     similarity: float  #: Residual along the claim's motion beyond chance, over that motion (`rate_similarities`).
 
     def to_table(self) -> dict[str, float]:
@@ -81,14 +69,13 @@ class Evidence:
 
 
 def features_of(evidence: Evidence) -> Array:
-    """Return the features of the map: margin, spurious-fit probability, residual similarity. Shape (3,)."""
-    margin = np.arcsinh(evidence.margin / MAP.margin_scale)
-    spurious = np.log(np.clip(evidence.spurious, *MAP.spurious_range))
-    return np.array([margin, -spurious, -np.log(np.clip(evidence.similarity, *MAP.similarity_range))])
+    """Return the features of the map: margin, residual similarity. Shape (2,)."""
+    similarity = np.clip(evidence.similarity, *MAP.similarity_range)
+    return np.array([np.arcsinh(evidence.margin / evidence.parameters), -np.log(similarity)])
 
 
 def calibrate_probability(evidence: Evidence) -> float:
-    """Return the calibrated probability of a claim."""
+    """Return the calibrated probability of a claim, or of one that the campaign cannot distinguish from it."""
     odds = CONSTANT + WEIGHTS @ features_of(evidence)
     return float(np.clip(expit(odds), 0.0, MAP.most_probable))
 
@@ -126,103 +113,6 @@ def measure_similarity(left: Array, motion: Array, pose: NDArray[np.int_]) -> fl
     return float(np.sqrt(max(beyond, 0.0) / np.sum(motion[moves] ** 2)))
 
 
-def rate_spurious_fits(fit: Fit, revised: RevisedProbabilities) -> dict[Claim, float]:
-    """Compute the spurious-fit probability of every claim."""
-    if not revised.model.claims:
-        return {}
-    equations = revised.search.equations
-    total, p = equations.channels[0].total, equations.p
-    drawn, length = draw_errors(fit), np.maximum(np.sqrt(np.diag(total.gram)), 1e-12)
-    # products of the columns, of unit length, with the drawn errors and, last, the observations
-    against = np.column_stack([equations.designs[0].reshape(-1, p).T @ drawn, total.against]) / length[:, None]
-    squares = np.diag(np.append(np.sum(drawn**2, axis=0), total.square))
-    gram = np.block([[total.gram / np.outer(length, length), against], [against.T, squares]])
-    blocks = [equations.columns(number) for number in revised.search.candidates]
-    values = np.array([len(block) for block in blocks])[:, None]
-    frames, result = equations.columns_named(REGISTRATION), dict[Claim, float]()
-    for claim in revised.model.claims:
-        others = equations.join_columns(n for n in revised.model.signatures if n != claim.signature)
-        nuisance = np.union1d(others, frames).astype(int)
-        left = project_out(gram, nuisance)
-        squares, count = np.maximum(np.diag(left), 0.0), total.count - len(nuisance)
-        columns = equations.columns(claim.signature)
-        explained = explain_squares(left, [columns], np.array([len(left) - 1]))[0, 0] - len(columns)
-        share = explained / max(float(squares[-1]) - min(float(count), float(squares[-1])), 1e-12)
-        # errors explained almost completely by frames and other claims show nothing
-        kept = p + np.flatnonzero(squares[p:-1] > (1.0 - LEVEL) * np.diag(gram)[p:-1])
-        shares = explain_squares(left, blocks, kept) / squares[kept]
-        # k parameters explain k of the squares of any error; the residual of a fully explained error is rounding
-        best = (1.0 - (1.0 - shares) * count / np.maximum(count - values, 1.0)).max(axis=0, initial=0.0)
-        result[claim] = float((np.sum(best >= min(share, 1.0 - np.sqrt(ROUNDING))) + 0.5) / (len(kept) + 1.0))
-    return result
-
-
-def draw_errors(fit: Fit) -> Array:
-    """Draw errors of no effect, of one rms each in units of the noise. Shape (values, SAMPLE)."""
-    at, channel = fit.at, fit.search.equations.source[0]
-    rows, rng = channel.rows, np.random.default_rng(SEED)
-    drivers = list_drivers(at, rows)
-    directions = [(joint.name, axis) for joint in at.robot.actuated for axis in AXES[3:]]
-    rotation = at.attained.frames.tcp_rotation[rows]
-    drawn: list[Array] = []
-    while len(drawn) < SAMPLE:
-        phases = [_pick(rng, drivers) * rng.choice(MAP.roughness) for _ in range(rng.integers(1, 3))]
-        kind, direction = rng.integers(3), rng.normal(size=3)
-        if kind == 0:
-            moved = np.broadcast_to(direction, (len(rows), 3))
-        elif kind == 1:
-            moved = rotation @ direction
-        else:
-            moved = at.parent_twist(*directions[int(rng.integers(len(directions)))])[rows, :3]
-        if channel.direction is not None:
-            moved = take_along(channel.direction, np.asarray(moved))
-        error = (_shape(rng, np.sum(phases, axis=0))[:, None] * moved / channel.sigma).reshape(-1)
-        size = float(np.sqrt(np.mean(error**2)))
-        if size > ROUNDING:
-            drawn.append(error / size)
-    return np.stack(drawn, axis=1)
-
-
-def list_drivers(at: Linearization, rows: NDArray[np.int_]) -> list[Array]:
-    """List the standardised quantities that a drawn error may depend on, by kind. Shapes (r, k)."""
-    campaign = at.campaign
-    kinds = [np.nan_to_num(campaign.q), at.point, np.arange(len(campaign), dtype=float)[:, None]]
-    kinds.append(np.nan_to_num(at.own_load))
-    if campaign.load_varies:
-        kinds.append(np.nan_to_num(at.scene.wrench[:, :3]))
-    found = []
-    for values in (kind[rows] for kind in kinds):
-        spread = values.std(axis=0)
-        seen = spread > ROUNDING
-        if seen.any():
-            found.append((values[:, seen] - values[:, seen].mean(axis=0)) / spread[seen])
-    return found
-
-
-def _pick(rng: np.random.Generator, drivers: Sequence[Array]) -> Array:
-    kind = drivers[int(rng.integers(len(drivers)))]
-    return np.asarray(kind[:, rng.integers(kind.shape[1])])
-
-
-def _shape(rng: np.random.Generator, phase: Array) -> Array:
-    """Draw a wave, a step, a kink or a parabola."""
-    wave = np.sin(phase + rng.uniform(0.0, 2.0 * np.pi))
-    return [wave, np.sign(wave), np.abs(phase - rng.normal()), phase**2][int(rng.integers(4))]
-
-
-def explain_squares(gram: Array, blocks: Sequence[NDArray[np.int_]], errors: NDArray[np.int_]) -> Array:
-    """Return the squares of given columns that each block of others explains. Shape (blocks, errors)."""
-    result = np.zeros((len(blocks), len(errors)))
-    for size in {len(block) for block in blocks}:
-        numbers = [n for n, block in enumerate(blocks) if len(block) == size]
-        columns = np.stack([blocks[n] for n in numbers])
-        # columns have unit length: the residual of a column in the span of others is rounding
-        inner = gram[columns[:, :, None], columns[:, None, :]] + ROUNDING * np.eye(size)
-        against = gram[columns[:, :, None], errors]
-        result[numbers] = np.einsum("nsc,nsc->nc", against, np.linalg.solve(inner, against))
-    return result
-
-
 #: Two effects are indistinguishable if one explains this share of the other's motion, frames fitted to both (assumed),
 ALIKE = 0.975
 #: or if the residual of the other is this small: sum of squares over the campaign, in units of the noise variance
@@ -246,6 +136,11 @@ class AlternativeEffect:
     def alike(self) -> bool:
         """Whether the campaign cannot distinguish it from the claim."""
         return self.share >= ALIKE or self.difference < BELOW_NOISE
+
+    @property
+    def competes(self) -> bool:
+        """Whether it is alike, but differs from the claim by more than chance, so that evidence can compare them."""
+        return self.alike and self.difference > chdtri(1, 1.0 - LEVEL)
 
 
 def find_alternatives(fit: Fit, signature: int, values: Array | None = None) -> list[AlternativeEffect]:
