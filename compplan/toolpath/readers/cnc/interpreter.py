@@ -28,7 +28,7 @@ from compplan.toolpath.readers.frames import Frame
 from compplan.toolpath.readers.options import CamTable, refuse_unit
 
 #: Addresses that make a move.
-MOVING = frozenset((*AXES, *TURNING, "I", "J", "K", "I1", "J1", "K1", "CR", "AR", "AP", "RP", "TURN"))
+MOVING = frozenset((*AXES, *TURNING, "I", "J", "K", "I1", "J1", "K1", "CR", "AP", "RP", "TURN"))
 MOTIONS = frozenset({0.0, 1.0, 2.0, 3.0})
 #: Head of a subprogram that brings back the modes of the program that calls it, and these modes.
 SAVING = re.compile(r"\s*(?:N\d+\s*)?PROC\b[^;]*\bSAVE\b", re.IGNORECASE)
