@@ -259,7 +259,7 @@ def test_holes_begin_at_places_that_the_program_states(reader: Reader) -> None:
     said = reader.refuse(f"{home.format('')}G81 X9 Z-5 F100\nM30\n", ".nc")
     assert ":5: a drilling cycle begins where the height of the tool is not known" in said
     said = reader.refuse("G21 G90\nG0 X0 Z9\nG81 X9 R2 Z-5 F100\nM30\n", ".nc")
-    assert ":3: a cut begins where Y of the tool is not known" in said
+    assert "Y of the tool is not known; write Y into it" in said
 
 
 def test_a_unit_after_lengths_comes_too_late(reader: Reader) -> None:

@@ -75,7 +75,7 @@ HOMING_NOTE = "moves of a printer after homing are travel until X Y Z are known:
 PRINTED = re.compile(PLAIN.pattern + r"(E[-+]?[\d.]+[ \t]*)?")
 #: Work offsets of Haas: G110 is G154 P1.
 HAAS_OFFSETS = (110.0, 111.0, *(float(number) for number in range(114, 130)))
-ENDS = frozenset({2.0, 17.0, 30.0, 99.0})
+ENDS = frozenset({2.0, 30.0, 99.0})
 
 
 def recognise(text: str) -> bool:

@@ -61,7 +61,7 @@ FOREIGN = re.compile(
 LENGTHS = (*AXES, *"IJK", *MIDDLES, "CR", "RP")
 SILENT = frozenset(("F", "S", "T", "D", "H", "M", "P", "FB", "FRC", "FRCM", "FA", "DISCL", "FGREF", "TOFFL",
                     "TOFFR", "OMA", "STOLF", "TCARR", *VALUES, *CORNERS))  # fmt: skip
-OF_ARCS = frozenset(("CR", "AR", "TURN", *MIDDLES))
+OF_ARCS = frozenset(("CR", "TURN", *MIDDLES))
 #: Moves in machine coordinates, which are left out: their end points may be unknown.
 HOME = re.compile(r"\bSUPA\b|\bG0*1?53\b|\bG7[45]\b")
 TOOL_NAME = re.compile(r"\bT\d*\s*=\s*\"([^\"]*)\"", re.IGNORECASE)
@@ -211,7 +211,7 @@ class Sinumerik:
             it.note("coordinates before any G0 or G1 are read as G1")
             state.motion = 1.0
         if state.motion in (0.0, 1.0) and block.has(OF_ARCS):
-            raise InputError("words of an arc (CR, AR, TURN) in a straight block")
+            raise InputError("words of an arc (CR, TURN) in a straight block")
         if values.get("D") == 0.0 and "Z" in values:
             it.leave_without_length(block, "D0")
         else:

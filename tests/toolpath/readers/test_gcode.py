@@ -32,6 +32,10 @@ def test_words_are_modal_and_need_no_spaces(read) -> None:
     assert cam.toolpath.rapid.tolist() == [True, False, False]
 
 
+def test_steppers_and_remarks_do_not_end_a_program(read) -> None:
+    assert ends(read("G21 G0 X0 Y0 Z0\nG1 X4 F60\nM17\n% LED ON\nX5\n%\nX9\n")) == [[0, 0, 0], [4, 0, 0], [5, 0, 0]]
+
+
 def test_inches_scale_lengths_and_feeds(read) -> None:
     for words in ("G20", "G70"):
         cam = read(f"{words}\nG0 X0 Y0 Z0\nG1 X1 F60\n")

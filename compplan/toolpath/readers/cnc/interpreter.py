@@ -28,7 +28,7 @@ from compplan.toolpath.readers.frames import Frame
 from compplan.toolpath.readers.options import CamTable, refuse_unit
 
 #: Addresses that make a move.
-MOVING = frozenset((*AXES, *TURNING, "I", "J", "K", "I1", "J1", "K1", "CR", "AR", "AP", "RP", "TURN"))
+MOVING = frozenset((*AXES, *TURNING, "I", "J", "K", "I1", "J1", "K1", "CR", "AP", "RP", "TURN"))
 MOTIONS = frozenset({0.0, 1.0, 2.0, 3.0})
 #: Head of a subprogram that brings back the modes of the program that calls it, and these modes.
 SAVING = re.compile(r"\s*(?:N\d+\s*)?PROC\b[^;]*\bSAVE\b", re.IGNORECASE)
@@ -233,7 +233,7 @@ class Interpreter:
         """Execute a block that cancels tool length compensation; its Z is left out: it is not a tip position."""
         course = self.course
         if self.state.motion != 0.0:
-            raise InputError(f"a cut to Z with the tool's length cancelled ({words}): the tip's place is not known")
+            raise InputError(f"a cut to Z without tool length compensation ({words}); call the tool's length before it")
         self.note(f"Z of a block that cancels the tool's length ({words}) is left out: it is not a place in the part")
         course.retreat()
         course.mark_unknown([2])

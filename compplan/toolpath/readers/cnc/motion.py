@@ -24,7 +24,7 @@ from compplan.toolpath.readers.cnc.contour import Contour, Corner, Element, find
 from compplan.toolpath.readers.cnc.course import Course
 from compplan.toolpath.readers.cnc.rotary import Rotary, blend
 from compplan.toolpath.readers.cnc.state import AXES, LETTERS, CncBlock, State
-from compplan.toolpath.readers.frames import DEEP_AXIS, PLANE_AXES, PLANE_NORMALS, rotate, turn_about
+from compplan.toolpath.readers.frames import PLANE_AXES, PLANE_NORMALS
 from compplan.toolpath.readers.lines import DECIMAL
 from compplan.toolpath.readers.options import CHORD_MM, TURN_STEP
 
@@ -273,18 +273,6 @@ class MotionReader:
         elif "CR" in values:
             radius = values["CR"] * state.scale
             centre = centre_from_radius(start, target, normal, radius)
-        elif "AR" in values:
-            opening, deep = values["AR"], DEEP_AXIS[plane]
-            if not 0.0 < opening < 360.0:
-                raise InputError(f"AR={opening:g}, expected more than 0 and less than 360")
-            if block.has(CENTRES):
-                centre = state.centre(start, block, plane)
-                end = turn_about(centre, rotate(deep, opening if state.motion == 3.0 else -opening)).apply(start)
-                target = set_levels(end, {deep: target[deep]})
-            else:
-                chord = math.dist(start, set_levels(target, {deep: start[deep]}))
-                radius = math.copysign(0.5 * chord / math.sin(math.radians(0.5 * opening)), 180.0 - opening)
-                centre = centre_from_radius(start, target, normal, radius)
         elif any("IJK"[axis] in values for axis in PLANE_AXES[plane]):
             centre = state.centre(start, block, plane)
             offsets = tuple(values.get(letter, 0.0) for letter in "IJK")

@@ -34,6 +34,8 @@ REFUSED = (
 )  # fmt: skip
 #: Line with the name of a program only.
 NAME_LINE = re.compile(r"O?<[^<>]*>|%.*|:.*")
+#: End of the tape, or name of a further program; other text after % is a comment of a printer or a sender.
+TAPE_END = re.compile(r"%\s*(\d+|_N_\w*|MPF.*|SPF.*)?")
 SKIP_MARK = re.compile(r"((?:N\d+)?\s*)/\d?(?![\d.])\s*")
 SKIP_WITHIN = re.compile(r"\s/\s*(?=[A-Z]|$)|/(?=[A-Z])")
 BLOCK = re.compile(r"(N\d+\s*)?[GMTSFDHXYZABCIJKRUVW]\s*=?\s*[-+.#\[\d]|(N\d+\s*)?(#\d|R\d+\s*=)")
@@ -125,7 +127,9 @@ class Lexer:
         if len(line) > 200:
             line = " ".join(line.split())
         if line[0] in "%<:O" and NAME_LINE.fullmatch(line):
-            return CncBlock(machine=[17.0]) if line[0] == "%" and self.it.course.begun else None
+            if self.it.course.begun and TAPE_END.fullmatch(line):
+                return CncBlock(machine=[99.0])
+            return None
         if "/" in line:
             marked = SKIP_WITHIN.sub(" ", SKIP_MARK.sub(r"\1", line, count=1) if SKIP_MARK.match(line) else line)
             if marked != line:
