@@ -104,7 +104,7 @@ def find_sides(position: Array, swing: float, first: float) -> Array:
 
 
 def is_play(entry: Mapping[str, Any]) -> bool:
-    """Return whether an effect of a folder is lost motion that a command can compensate."""
+    """Return whether an effect of a folder is lost motion that joint commands can compensate."""
     return entry.get("effect") == "backlash" and width_of(entry) > LEAST_PLAY
 
 

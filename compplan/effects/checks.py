@@ -210,7 +210,7 @@ def _check_lengths(parameters: Mapping[str, Any], rule: Rule, robot: Robot, file
         values = [parameters.get(key) for key in keys]
         if all(value is None for value in values) or (keys[0] == JOINTS and JOINTS not in parameters):
             continue
-        count, wanted = due.get(keys[0], (None, "lists of one length"))
+        count, wanted = due.get(keys[0], (None, "lists of equal length"))
         if keys[-1].startswith("knots"):
             wanted = "a spline of n numbers, which needs n + 4 knots"
         lengths = {

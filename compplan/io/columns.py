@@ -47,7 +47,7 @@ class FileColumn:
         return (self.dimension,) if isinstance(self.dimension, str) else self.dimension
 
     def header(self) -> str:
-        """Return the title of the column in its first unit."""
+        """Return the first two titles of the column, joined by "or"."""
         return " or ".join(self.headers()[:2])
 
     def headers(self) -> list[str]:

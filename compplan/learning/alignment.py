@@ -76,7 +76,7 @@ def fit_rigid(
 
 
 def describe_motion(motion: Array, at: Array) -> str:
-    """Format a rigid motion as the shift of a point and the angle. at: the point, shape (3,). [m]"""
+    """Format a rigid motion as the shift of a point and the angle; at: the point [m], shape (3,)."""
     shift = (at @ motion[:3, :3].T + motion[:3, 3] - at) * 1e3
     angle = np.degrees(np.linalg.norm(Rotation.from_matrix(motion[:3, :3]).as_rotvec()))
     return f"[{shift[0]:.3g}, {shift[1]:.3g}, {shift[2]:.3g}] mm and {angle:.2g} deg"

@@ -264,7 +264,7 @@ def _log_evidence(model: UpdateModel, gathered: Gathered) -> float:
 def learn_without(
     model: UpdateModel, gathered: Gathered, part: NDArray[np.int_]
 ) -> Iterator[tuple[NDArray[np.bool_], UpdateState]]:
-    """Yield each fold of the points and the posterior given the others; nothing if there is one fold."""
+    """Yield the mask of each fold and the posterior from all other points; nothing if there is one fold."""
     numbers = np.unique(part)
     for test in (part == number for number in numbers[: len(numbers) if len(numbers) > 1 else 0]):
         yield test, condition(model, gathered.take(~test))

@@ -90,7 +90,7 @@ def scatter_beyond_chance(position: Array, group: NDArray[np.int_], pose: NDArra
 
 
 def number_poses(campaign: Campaign, rows: NDArray[np.int_], most: int = STRETCHES) -> NDArray[np.int_]:
-    """Number the poses of rows in order of appearance, separately in at most `most` stretches. Shape (rows,)."""
+    """Number the poses of rows as they appear; at most `most` stretches have numbers of their own. Shape (rows,)."""
     load = np.round(campaign.wrench[rows] / max(LIKE_LOAD * campaign.load_scale, FORCE_NOISE))
     labels = [campaign.run] if campaign.mode is None else [campaign.run, campaign.mode]
     of_labels = [np.unique(label[rows], return_inverse=True)[1].reshape(-1) for label in labels]

@@ -178,7 +178,7 @@ def choose_run(preset: str, runs: list[TimedStart], base: TimedStart) -> TimedSt
 
 
 def band_at_time(run: TimedStart, base: TimedStart) -> float:
-    """Estimate the band of a run slowed to the time of the base; infinite if the run cannot be that short. [m]"""
+    """Estimate the band of a run, retimed to take as long as the base; infinite if it needs longer. [m]"""
     if run.time - run.spare > base.time:
         return np.inf
     return _find_factors(run, base.time, min(base.time / run.time, 1.0))[1]

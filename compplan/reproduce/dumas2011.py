@@ -119,7 +119,7 @@ def map_quality(robot: Robot, chain: Chain) -> DexterityMap:
 
 
 def draw_tests(robot: Robot, count: int, rng: np.random.Generator, *, lever: float = LEVER_M) -> Tests:
-    """Sample postures in the zones, and weights at a lever from the flange in random directions."""
+    """Sample postures in the zones, and weights on levers in random directions from the flange."""
     q = np.empty((count, robot.nq))
     picked = np.array(list(ZONES.values()))[rng.integers(len(ZONES), size=count)]
     q[:, 0] = rng.uniform(-np.pi / 2, np.pi / 2, count)

@@ -185,7 +185,7 @@ def element_loads(
 
 
 def apply_compliance(compiled: CompiledChain, torque: Sequence[Array]) -> list[Array]:
-    """Multiply the compliance with the loads of the elastic coordinates: s arrays of shape (n,)."""
+    """Multiply the compliance with the loads of the s elastic coordinates, each of shape (n,)."""
     update = []
     for row in compiled.compliance:
         total: Array = np.zeros(1)

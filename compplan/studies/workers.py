@@ -271,7 +271,8 @@ def _collect(client: Any, study: Study, numbers: list[int], points: Callable[[in
         except CompplanError:
             raise
         except Exception as error:
-            raise InputError(f"the cluster failed on a chunk of samples: {type(error).__name__}: {error}") from error
+            said = f"the cluster failed on a chunk of samples: {type(error).__name__}: {error}"
+            raise InputError(f"{said}; see the logs of the workers, or compute here without --scheduler") from error
         yield chunk_of.pop(future.key), evaluated
 
 

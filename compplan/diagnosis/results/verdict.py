@@ -213,7 +213,7 @@ def only_in_readings(fit: Fit, revised: RevisedProbabilities, finding: Finding) 
 
 
 def measure_structure(fit: Fit, revised: RevisedProbabilities) -> Structure:
-    """Measure the residual of claims and small errors, and its dependences."""
+    """Measure the error left by claims and small errors, and what it depends on."""
     equations, posterior, source = revised.search.equations, revised.model.posterior, revised.search.equations.source[0]
     values = posterior.values(equations.p)
     foreign = np.concatenate([np.zeros(0, int), *revised.members]).astype(int)

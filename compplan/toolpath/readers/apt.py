@@ -372,5 +372,5 @@ def _axis(vector: list[float]) -> Point:
     """Return a tool axis as a unit vector."""
     length = math.hypot(*vector)
     if len(vector) != 3 or not 1e-3 < length < 1e3:
-        raise InputError(f"tool axis {vector} is not a direction")
+        raise InputError(f"direction {vector}: expected three numbers i, j, k, not all 0")
     return vector[0] / length, vector[1] / length, vector[2] / length

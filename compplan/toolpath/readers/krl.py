@@ -301,7 +301,8 @@ class _KrlReader:
         """Return the numbers of a position: written out, or declared by name."""
         word = match_form(TARGET, text.strip(), "position: {X 1,Y 2,..} or a name, and C_DIS and such").group(1)
         if word[0] != "{" and word not in self.positions:
-            raise InputError(f"position {word[:24]!r} is not known here or in the .dat file")
+            raise InputError(f"position {word[:24]!r} has no known value here: it is not declared with numbers, or was "
+                             "computed since; write it out as {X .., Y .., ..}")  # fmt: skip
         return self._numbers(self.positions.get(word, word))
 
     def _read_with(self, extra: str) -> None:

@@ -129,7 +129,7 @@ def test_vendor_records_are_read_past_with_a_note(read) -> None:
         ("UNITS/MM\nCOPY/1,TRANSL", r":2: COPY is not read"),
         ("UNITS/FEET", r":1: unit 'FEET', choose from MM, INCHES"),
         ("GOTO/1", r":1: 1 numbers, expected x, y, z"),
-        ("GOTO/0,0,0,0,0,0", r":1: tool axis \[0.0, 0.0, 0.0\] is not a direction"),
+        ("GOTO/0,0,0,0,0,0", r":1: direction \[0.0, 0.0, 0.0\]: expected three"),
         (ARC.format("CIRCLE/10,0,0,0,0,1"[:-4]), r":4: arc record with 5 numbers|:4: arc record with"),
         (ARC.format("CIRCLE/11,0,0,0,0,1,10"), r":5: arc starts 9.0000 mm from its centre and ends 10.0499"),
         ("MODE/INCR", r":1: MODE/INCR"),

@@ -133,7 +133,7 @@ def test_krl_bases_that_change_are_followed_where_they_are_known(krl) -> None:
         ("FOR I=1 TO 3\nEXIT\nENDFOR", "the loop ends at 'EXIT'"),
         ("FOR I=1 TO 3\nI=2\nENDFOR", "the loop ends at 'I=2'"),
         ("FOR I=1 TO 3\nLIN {X 5}", "FOR has no ENDFOR"), ("FOR I=1 TO 3 STEP 0\nENDFOR", "never ends"),
-        ("LIN PT[I]", r"position 'PT\[I\]' is not known"), ("LIN {X 5+A}", "position 'X 5"),
+        ("LIN PT[I]", r"position 'PT\[I\]' has no known value"), ("LIN {X 5+A}", "position 'X 5"),
         ("LIN {X 1O}", "position 'X 1O'"),
         ("LIN {X 1,X 2}", "each once"), ("GOTO M1", "GOTO is not read"), ("$IPO_MODE=#TCP", "in the robot's hand"),
         ("SPLINE\nSPL {X 5}\nENDSPLINE", "SPLINE is not read"), ("LIN {X 1E30}", "position 'X 1E30' is not read"),

@@ -235,7 +235,7 @@ REFUSED = [
     ("G1 X5 A2=0 B2=1 C2=0 F9", "word A2 is not read"), ("$P_UIFR[1]=CTRANS(X,5)", "sets a frame"),
     ("EXTCALL \"A\"", "EXTCALL"), ("CASE R1 OF 1 GOTOF A", "CASE"),
     ("G1 X9 F9 RND=5\nG0 Y9", "no cutting move after"), ("G1 X9 F9 RNDM=5", "word RNDM"),
-    ("G1 X9 F9 RND=2\nG3 X0 Y9 CR=9", "beside an arc is not read"), ("G147 X5 DISR=2", "changes the path"),
+    ("G1 X9 F9 RND=2\nG3 X0 Y9 CR=9", "beside an arc, which is not read"), ("G147 X5 DISR=2", "changes the path"),
     ("CYCLE81(20,0,2)", "no depth"),
     ("HOLES2(0,0,9,0,0,4)", "no drilling cycle"), ("MCALL L5", "L5"), ("CYCLE81(20,0,2,5)", "above its reference"),
     ("G1 X5 B30 F9", "otary"), ("WHEN TRUE DO M8", "WHEN"),

@@ -49,7 +49,7 @@ def test_exponents_are_read_or_refused_and_never_dropped(read) -> None:
         ("(a (b) X5", "cannot read"),
         ("G123 X5", "G123 with coordinates is not read"),
         ("G70 I5 J0 L4", "lathe cycle or bolt circle"),
-        ("G10 L2 P0 X5", "moves the work offset in force, which is not known"),
+        ("G10 L2 P0 X5", "changes the active work offset"),
         ("L100 P3", "subprogram call L100 is not read"),
         ("G1 X5 ,A45", "cannot read ',A45'"),
     ],
@@ -190,9 +190,9 @@ def test_corners_are_rounded_or_cut_off_as_asked(read, corner: str, expected: fl
 @pytest.mark.parametrize(
     ("text", "sentence"),
     [
-        ("G1 X10 F9 ,R20\nY10\n", ":3: a corner of 20 takes 20 of moves of 10"),
+        ("G1 X10 F9 ,R20\nY10\n", ":3: corner of line 2: a corner of 20 takes 20 of moves of 10"),
         ("G1 X10 F9 ,R2\nG0 Y10\n", ":3: the rounded or cut corner of line 2 has no cutting move"),
-        ("G1 X10 F9 ,R2\nX0\n", ":3: the path turns back"),
+        ("G1 X10 F9 ,R2\nX0\n", ":3: corner of line 2: the path turns back"),
         ("G1 X10 F9 ,R2\n", ":2: the rounded or cut corner of line 2 has no cutting move after it"),
     ],
 )

@@ -90,7 +90,7 @@ class Contour:
             try:
                 first, between, element = join_corner(before, held_corner, element)
             except ValueError as fault:
-                raise InputError(f"{fault}, in the corner of line {held_corner.line}") from None
+                raise InputError(f"corner of line {held_corner.line}: {fault}") from None
             self._put(first)
             if between is not None:
                 self._put(between)
@@ -133,7 +133,9 @@ def join_corner(before: Element, corner: Corner, after: Element) -> tuple[Elemen
     if turn < STRAIGHT or corner.size == 0.0:
         return before, None, after
     if before.centre is not None or after.centre is not None:
-        raise ValueError("a rounded or cut corner beside an arc is not read; post-process it as an arc or a line")
+        raise ValueError(
+            "it is beside an arc, which is not read; post-process the corner as an arc or a line of its own"
+        )
     if turn > math.radians(179.9):
         raise ValueError("the path turns back at this corner")
     if corner.size < 0.0:

@@ -122,7 +122,7 @@ class Parser:
             return sign[2:-1].replace(" ", "")
         number = need(self.operand())
         if number != int(number) or not 0 <= number < 1e6:
-            raise ValueError(f"#{number:g} is not a variable, expected a whole number")
+            raise ValueError(f"#{number:.10g} is not a variable, expected a whole number from 0 to 999999")
         return str(int(number))
 
     def _named(self, word: str) -> Value:

@@ -182,7 +182,9 @@ class HeidenhainCycles:
             depth = -abs(cycle.get("1")) - abs(cycle.get("2"))
             bottom = clear + depth
             if cycle.get("2") > 0.0 and cycle.get("1") >= 0.0:
-                raise InputError(f"CYCL DEF {cycle.number} with a depth above the surface is not read")
+                raise InputError(
+                    f"CYCL DEF {cycle.number} ends above the surface, which is not read; give the depth a minus sign"
+                )
         else:
             if cycle.number == 240 and values.get("Q343", 0.0) != 0.0:
                 raise InputError("cycle 240 with a diameter (Q343=1) is not read; give it a depth")

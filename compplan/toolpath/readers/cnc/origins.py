@@ -126,7 +126,8 @@ class Origins:
         self.origins[code] = {**before, **stated}
         if code == self.active and (self.course.begun or list(self.course.unknown.values()).count(False) < 3):
             if stated.keys() - before.keys():
-                raise InputError("G10 L2 moves the work offset in force, which is not known; set it before")
+                raise InputError("G10 L2 changes the active work offset, whose value the file does not state; "
+                                 "state it by G10 L2 before the first move")  # fmt: skip
             moved = {axis: self.base[axis] + (level - before[axis]) for axis, level in stated.items()}
             self.base = set_levels(self.base, moved)
             self.it.set_frames(origin=Frame(origin=self.zero))
