@@ -70,7 +70,7 @@ def loop_fraction(loop: Loop) -> tuple[Array, Array]:
     if loop.error == "sent":
         return np.convolve(top, robot_top), np.convolve(polyadd(bottom, top), robot_bottom)
     open_top, open_bottom = np.convolve(top, robot_top), np.convolve(bottom, robot_bottom)
-    return open_top, polyadd(open_bottom, open_top)
+    return open_top, np.asarray(polyadd(open_bottom, open_top), float)
 
 
 def largest_pole(loop: Loop) -> float:
