@@ -155,20 +155,18 @@ def run_trace(logs: tuple[Path, ...], programs: tuple[Path, ...], robot_name: st
 
 
 @make_command(
-    click.argument("direction", type=click.Choice(["read", "write"]), metavar="read"),
+    click.argument("direction", type=click.Choice(["read"]), metavar="read", expose_value=False),
     click.argument("source", type=INPUT),
     robot_option("The type as it ships, which the controller's numbers count from."),
     click.option("--out", required=True, type=FOLDER, help="Folder to write."),
 )  # fmt: skip
-def run_calibration(direction: str, source: Path, robot_name: str, out: Path) -> CommandResult:
+def run_calibration(source: Path, robot_name: str, out: Path) -> CommandResult:
     """Read a UR controller's calibration, the file SOURCE, into DIR/robot.
 
     Example: compplan calibration read calibration.conf --robot ur10e --out out
     """
     from compplan.reporting.writers.robot_folder import write_calibrated
 
-    if direction == "write":
-        raise InputError("calibration write is no longer supported; run joint programs of the measured robot folder")
     nominal = load_robot(robot_name)
     summary = write_calibrated(source, nominal, out)
     lines = [f"{nominal.name} with the geometry of {source} ({summary['format']})", f"wrote {out / 'robot'}"]
