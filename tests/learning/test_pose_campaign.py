@@ -229,4 +229,4 @@ def test_a_campaign_for_sockets_writes_a_log_that_is_read_and_counts(small_job, 
     assert np.linalg.norm(np.subtract(stands[0]["position_mm"], stands[1]["position_mm"])) == pytest.approx(200, abs=3)
     few = [*words[:3], "8", *words[4:-1], tmp_path / "few"]
     answer = run_command(few, monkeypatch, capsys)
-    assert answer.status == 2 and "at least two a place" in answer.err
+    assert answer.status == 2 and "at least two per place" in answer.err
