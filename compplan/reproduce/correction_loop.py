@@ -79,12 +79,6 @@ def largest_pole(loop: Loop) -> float:
     return float(np.abs(np.roots(bottom)).max(initial=0.0))
 
 
-def run_loop(loop: Loop, wanted: Array) -> Array:
-    """Compute the attained from the demanded corrections of a loop initially at rest, time last. Shape (..., n)."""
-    top, bottom = loop_fraction(loop)
-    return np.asarray(lfilter(top, bottom, wanted, axis=-1))
-
-
 #: The law as printed, on a robot without lag and delay: unstable.
 LITERAL = Loop(plant=Plant(0.0, 0.0), error="sent")
 #: Eqs. (6) to (8) and (17) without the derivative part.
@@ -117,7 +111,7 @@ def simulate_loops(seconds: float = 1.0) -> tuple[Array, dict[str, Array]]:
     }
     wanted = np.ones(int(seconds / fitted.period))
     time = np.arange(float(len(wanted))) * fitted.period
-    return time, {name: _hold(1.0 - run_loop(loop, wanted)) for name, loop in loops.items()}
+    return time, {name: _hold(1.0 - lfilter(*loop_fraction(loop), wanted)) for name, loop in loops.items()}
 
 
 def _hold(error: Array) -> Array:
