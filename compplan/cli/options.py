@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import wraps
+from math import isfinite
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
@@ -33,6 +34,15 @@ class ResultPath(click.Path):
             if path.exists() and path.suffix != self.suffix:
                 raise InputError(f"exists and is not a {self.suffix} file; name another file to write", file=path)
         return path
+
+
+class Number(click.FloatRange):
+    """A finite number within a range."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        """Return the number; the range lets nan pass."""
+        number = float(super().convert(value, param, ctx))
+        return number if isfinite(number) else self.fail(f"{number:g} is not a finite number.", param, ctx)
 
 
 class CommandResult(NamedTuple):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -228,7 +228,8 @@ def format_plan(plan: Plan, folder: Path, files: Sequence[Path]) -> list[str]:
         cause += f"; feed lowered from {1e3 * low[1]:.3g} to {1e3 * low[0]:.3g} mm/s in places ({low[2]})"
     lines = [_format_verdict(plan), _format_band(plan), cause, _format_basis(plan)]
     step = f"next: {step[0].lower()}{step[1:].rstrip('.')}"
-    wrote = format_files(folder, files, count_notes(plan.notes), plan.status)
+    count = len(list_remarks(plan.notes))
+    wrote = format_files(folder, files, f" ({count} note{'s' * (count > 1)})" if count else "", plan.status)
     stops = [f"before the machine moves: {stop}" for stop in list_stops([*plan.reasons, *plan.notes])]
     return [*(cut_line(line, WIDTH) for line in lines), *stops, wrote, step]
 
@@ -257,12 +258,6 @@ def _format_basis(plan: Plan) -> str:
     touch = f"{basis}; touch off the part with this robot and tool"
     other = f"{touch} (if not: part.touched_off = false)"
     return other if len(other) <= WIDTH else touch
-
-
-def count_notes(notes: Iterable[str]) -> str:
-    """Return the number of remarks in the report, in parentheses; "" for none."""
-    count = len(list_remarks(notes))
-    return f" ({count} note{'s' * (count > 1)})" if count else ""
 
 
 def _format_verdict(plan: Plan) -> str:

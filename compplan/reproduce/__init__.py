@@ -3,24 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Protocol
+from typing import Any
 
 from compplan.errors import UnknownNameError
 from compplan.io.registry import Registry
 from compplan.reproduce.paper import Reproduction
 from compplan.robot import Robot, load_robot
 
-
-class Paper(Protocol):
-    """Interface of the module of a paper."""
-
-    def reproduce(self, load: Callable[[str], Robot]) -> Reproduction:
-        """Compute all results of the paper that can be reproduced."""
-        ...
-
-
-#: All papers, by module name.
-PAPERS: Registry[Paper] = Registry(("mamedov2018", "klimchik2018", "johra2022", "dumas2011", "singh2021"), __name__)
+#: All papers, by module name; each has `reproduce(load) -> Reproduction`.
+PAPERS: Registry[Any] = Registry(("mamedov2018", "klimchik2018", "johra2022", "dumas2011", "singh2021"), __name__)
 
 
 def reproduce_paper(name: str, load: Callable[[str], Robot] = load_robot) -> Reproduction:
@@ -35,4 +26,5 @@ def reproduce_paper(name: str, load: Callable[[str], Robot] = load_robot) -> Rep
     """
     if name not in PAPERS:
         raise UnknownNameError("paper", name, list(PAPERS))
-    return PAPERS[name].reproduce(load)
+    result: Reproduction = PAPERS[name].reproduce(load)
+    return result

@@ -70,19 +70,13 @@ def loop_fraction(loop: Loop) -> tuple[Array, Array]:
     if loop.error == "sent":
         return np.convolve(top, robot_top), np.convolve(polyadd(bottom, top), robot_bottom)
     open_top, open_bottom = np.convolve(top, robot_top), np.convolve(bottom, robot_bottom)
-    return open_top, polyadd(open_bottom, open_top)
+    return open_top, np.asarray(polyadd(open_bottom, open_top), float)
 
 
 def largest_pole(loop: Loop) -> float:
     """Return the magnitude of the largest pole of a loop; the loop is stable below 1."""
     bottom = np.trim_zeros(loop_fraction(loop)[1], "b")
     return float(np.abs(np.roots(bottom)).max(initial=0.0))
-
-
-def run_loop(loop: Loop, wanted: Array) -> Array:
-    """Compute the attained from the demanded corrections of a loop initially at rest, time last. Shape (..., n)."""
-    top, bottom = loop_fraction(loop)
-    return np.asarray(lfilter(top, bottom, wanted, axis=-1))
 
 
 #: The law as printed, on a robot without lag and delay: unstable.
@@ -117,7 +111,7 @@ def simulate_loops(seconds: float = 1.0) -> tuple[Array, dict[str, Array]]:
     }
     wanted = np.ones(int(seconds / fitted.period))
     time = np.arange(float(len(wanted))) * fitted.period
-    return time, {name: _hold(1.0 - run_loop(loop, wanted)) for name, loop in loops.items()}
+    return time, {name: _hold(1.0 - lfilter(*loop_fraction(loop), wanted)) for name, loop in loops.items()}
 
 
 def _hold(error: Array) -> Array:

@@ -15,6 +15,7 @@ from compplan.cli.commands.plan import explain_failures
 from compplan.cli.options import (
     INPUT,
     CommandResult,
+    Number,
     assume_ok,
     make_command,
     make_job_command,
@@ -28,7 +29,6 @@ from compplan.cli.options import (
 from compplan.cli.terminal import Work, show_progress
 from compplan.effects import EFFECTS
 from compplan.effects.requested import GEOMETRY
-from compplan.errors import InputError
 from compplan.io.parsing import LEAST_SIGMA_MM
 from compplan.io.provenance import describe_origin
 from compplan.measurement.checks import check_unit, list_notes
@@ -184,9 +184,9 @@ def run_predict(
     click.option("--log", "log", type=INPUT, help="Earlier measurements to take into account."),
     click.option("--weights-kg", "weights", default="0", show_default=True, metavar="KG,KG",
                  help="Weights that can be hung on the tool; 0: none."),
-    click.option("--pull-N", "pull", type=click.FloatRange(0.0, 1e5), default=0.0, show_default=True,
+    click.option("--pull-N", "pull", type=Number(0.0, 1e5), default=0.0, show_default=True,
                  help="Force with which the tool can be pulled sideways, along x or y of the base."),
-    click.option("--sigma-mm", "sigma", type=click.FloatRange(LEAST_SIGMA_MM, 10.0), default=0.03, show_default=True,
+    click.option("--sigma-mm", "sigma", type=Number(LEAST_SIGMA_MM, 10.0), default=0.03, show_default=True,
                  help="Standard deviation of the instrument, per axis."),
     click.option("--register", metavar="FRAMES",
                  help="Frames that are unknown: base, tool, base,tool (of a tracker if left out) or none."),
@@ -196,7 +196,7 @@ def run_predict(
     click.option("--places", type=click.IntRange(1, 30), help="How many sockets (3) or gauges (6)."),
     click.option("--instrument", "described", type=INPUT,
                  help="TOML file of the instrument of --log, as `diagnose` takes it."),
-    click.option("--length-mm", type=click.FloatRange(1.0, 5000.0),
+    click.option("--length-mm", type=Number(1.0, 5000.0),
                  help="Distance of the two sockets of a plate; left out: single sockets, which do not determine"
                  " the scale of the arm."),
     click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of the candidates."),
@@ -217,8 +217,6 @@ def run_campaign(
     from compplan.planning.plan import plan_job
     from compplan.reporting.campaign import open_campaign, write_campaign
 
-    if not sigma < 10.0 or not pull < 1e5:
-        raise InputError("--sigma-mm and --pull-N must be finite numbers")
     frames = None if register is None else () if register == "none" else parse_parts(register)
     length = 1e-3 * (length_mm or 0.0)
     equipment = Equipment(parse_weights(weights), pull, sigma * 1e-3, frames, seed, instrument, places, length)
@@ -244,13 +242,13 @@ def run_campaign(
     click.option("--align", type=click.Choice(["datum", "best_fit"]),
                  help="Take the points as their frame states (datum), or remove a fitted shift and turn of all points"
                  " first (best_fit). Left out: datum, but a large shift of this kind is refused."),
-    click.option("--sigma-mm", type=click.FloatRange(LEAST_SIGMA_MM, 20.0),
+    click.option("--sigma-mm", type=Number(LEAST_SIGMA_MM, 20.0),
                  help="Standard deviation of points whose file states none; assumed: 0.02, of a scan 0.05."),
     click.option("--instrument", type=INPUT,
                  help="TOML file of the instrument: its sigma_mm, where --sigma-mm is left out."),
     click.option("--mesh", type=INPUT, help="Nominal surface of the part, STL or PLY in mm, in the frame of the "
                  "points: they count along its normals."),
-    click.option("--reach-mm", type=click.FloatRange(0.0, 1000.0, min_open=True),
+    click.option("--reach-mm", type=Number(0.0, 1000.0, min_open=True),
                  help="Greatest distance of that surface from the path of the tip; default: radius of the cutter in"
                  " [process] plus 1 mm."),
     assume_ok,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import asdict, replace
-from math import inf
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +14,7 @@ from compplan.cli.options import (
     INPUT,
     TABLE,
     CommandResult,
+    Number,
     keep_stated,
     make_command,
     out_folder,
@@ -42,7 +42,7 @@ TABLES = (".csv", ".txt", "")
     click.option("--out", type=TABLE, required=True, help="The toolpath table to write (CSV)."),
     click.option("--report", type=FOLDER, metavar="DIR",
                  help="Folder for report.html: the path by tool, its box, what was assumed."),
-    click.option("--max-step-mm", type=float, help="Divide cutting moves that are longer."),
+    click.option("--max-step-mm", type=Number(0.0, 1e6, min_open=True), help="Divide cutting moves that are longer."),
     take_cam_options,
     click.option("--cam", "cam_file", metavar="FILE", help="TOML file as [cam] of a job; options replace its keys."),
     click.option("--cycles", type=click.Choice(["skip", "expand"]), help="Whether drilling cycles are cut."),
@@ -67,8 +67,6 @@ def run_convert(
     cam = read_cam(camfile, table)
     toolpath = refuse_idle(cam)
     if max_step_mm is not None:
-        if not 0.0 < max_step_mm < inf:
-            raise InputError(f"--max-step-mm is {max_step_mm:g}, expected a finite number of mm, more than 0")
         toolpath = resample_toolpath(toolpath, max_step_mm * 1e-3)
     write_toolpath(check_toolpath(toolpath, need_feed=False), out)
     facts = replace(cam.facts, waypoints=len(toolpath))
@@ -155,20 +153,18 @@ def run_trace(logs: tuple[Path, ...], programs: tuple[Path, ...], robot_name: st
 
 
 @make_command(
-    click.argument("direction", type=click.Choice(["read", "write"]), metavar="read"),
+    click.argument("direction", type=click.Choice(["read"]), metavar="read", expose_value=False),
     click.argument("source", type=INPUT),
     robot_option("The type as it ships, which the controller's numbers count from."),
     click.option("--out", required=True, type=FOLDER, help="Folder to write."),
 )  # fmt: skip
-def run_calibration(direction: str, source: Path, robot_name: str, out: Path) -> CommandResult:
+def run_calibration(source: Path, robot_name: str, out: Path) -> CommandResult:
     """Read a UR controller's calibration, the file SOURCE, into DIR/robot.
 
     Example: compplan calibration read calibration.conf --robot ur10e --out out
     """
     from compplan.reporting.writers.robot_folder import write_calibrated
 
-    if direction == "write":
-        raise InputError("calibration write is no longer supported; run joint programs of the measured robot folder")
     nominal = load_robot(robot_name)
     summary = write_calibrated(source, nominal, out)
     lines = [f"{nominal.name} with the geometry of {source} ({summary['format']})", f"wrote {out / 'robot'}"]

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import click
 import tomli_w
 
-from compplan.cli.options import INPUT, CommandResult, add_options, make_command, robot_option
+from compplan.cli.options import INPUT, CommandResult, Number, add_options, make_command, robot_option
 from compplan.cli.terminal import show, show_progress
 from compplan.controllers.writers import WRITERS, list_languages
 from compplan.controllers.writers.joint_convention import load_controller
@@ -53,10 +53,10 @@ FORMS = {
                  help="init robot: axis of that frame that points out of the tool."),
     click.option("--controller", type=click.Choice(list(CONTROLLERS)),
                  help="init robot: take its joint names, signs, configuration words, pendant frame."),
-    click.option("--payload", type=click.FloatRange(0.1, 3000.0),
+    click.option("--payload", type=Number(0.1, 3000.0),
                  help="init robot: rated payload in kg; with --reach it gives springs by a rule (assumed)."),
-    click.option("--reach", type=click.FloatRange(0.2, 10.0), help="init robot: reach in m."),
-    click.option("--mass", type=click.FloatRange(1.0, 2e4),
+    click.option("--reach", type=Number(0.2, 10.0), help="init robot: reach in m."),
+    click.option("--mass", type=Number(1.0, 2e4),
                  help="init robot: own weight in kg, which checks the masses of the URDF."),
     click.option("--short", is_flag=True, help="Write only the main keys of a job."),
     click.option("--out", type=INPUT, help="Folder of the robot, or file of the log or template."),
@@ -223,8 +223,6 @@ def _init_robot(urdf: Path, options: Mapping[str, Any], out: Path | None) -> lis
     payload, reach, mass = (options[name] for name in ("payload", "reach", "mass"))
     if (payload is None) != (reach is None) or (mass is not None and payload is None):
         raise InputError("--payload, --reach and --mass: give payload and reach together, own weight beside them")
-    if any(math.isnan(value) for value in (payload, reach, mass) if value is not None):
-        raise InputError("--payload, --reach and --mass must be numbers, not nan")
     rating, controller = None if payload is None else Rating(payload, reach, mass), options["controller"]
     folder = out or Path(urdf.stem)
     if not folder.is_dir() or any(folder.iterdir()):  # an interrupted run may have left it empty

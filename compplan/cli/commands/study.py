@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 import numpy as np
 
-from compplan.cli.options import CommandResult, make_command, make_job_command, out_folder, split_names
+from compplan.cli.options import CommandResult, Number, make_command, make_job_command, out_folder, split_names
 from compplan.cli.terminal import show_progress
 from compplan.errors import InputError
 from compplan.job.names import ONLINE, STRATEGIES
@@ -71,20 +71,18 @@ def run_montecarlo(
     return CommandResult(study.summary, open_study(study).format(folder, files, [note]))
 
 
-#: Greatest valid load [N, Nm] and height [mm].
-MOST_LOAD, FARTHEST_MM = 1e5, 1e5
-
-
 @make_command(
     click.argument("robot"), out_folder,
     click.option("--posture", type=click.Choice(["straight", "down", "outward"]), default="down", show_default=True,
                  help="How the tool points; straight: wrist joints at zero."),
-    click.option("--force", nargs=3, type=float, default=(0.0, 0.0, 1000.0), show_default=True,
+    click.option("--force", nargs=3, type=Number(-1e5, 1e5), default=(0.0, 0.0, 1000.0), show_default=True,
                  help="Force on the tool, base axes. [N]"),
-    click.option("--moment", nargs=3, type=float, default=(0.0, 0.0, 0.0), show_default=True,
+    click.option("--moment", nargs=3, type=Number(-1e5, 1e5), default=(0.0, 0.0, 0.0), show_default=True,
                  help="Moment on the tool at the TCP, base axes. [Nm]"),
-    click.option("--height-mm", type=float, default=500.0, show_default=True, help="Height of the horizontal plane."),
-    click.option("--azimuth-deg", type=float, default=0.0, show_default=True, help="Direction of the vertical plane."),
+    click.option("--height-mm", type=Number(-1e5, 1e5), default=500.0, show_default=True,
+                 help="Height of the horizontal plane."),
+    click.option("--azimuth-deg", type=Number(-360.0, 360.0), default=0.0, show_default=True,
+                 help="Direction of the vertical plane."),
     click.option("--points", type=click.IntRange(5, 1000), default=100, show_default=True,
                  help="Points along each side."),
 )  # fmt: skip
@@ -101,14 +99,9 @@ def run_map(
     from compplan.reporting.maps.survey import MapSettings, map_robot
     from compplan.robot import load_robot
 
-    wrench = np.array([*force, *moment])
-    if not np.isfinite([*wrench, height_mm, azimuth_deg]).all():
-        raise InputError("force, moment, height and azimuth must be finite numbers")
-    if max(map(abs, wrench)) > MOST_LOAD or abs(height_mm) > FARTHEST_MM or abs(azimuth_deg) > 360.0:
-        raise InputError(
-            f"--force and --moment are at most {MOST_LOAD:g} N or Nm, --height-mm {FARTHEST_MM:g}, --azimuth-deg 360"
-        )
-    settings = MapSettings(posture, wrench, height_mm * 1e-3, float(np.radians(azimuth_deg)), points)
+    settings = MapSettings(
+        posture, np.array([*force, *moment]), height_mm * 1e-3, float(np.radians(azimuth_deg)), points
+    )
     loaded = load_robot(robot)
     robot_effects(loaded)  # not used in maps, but a wrong file is reported here too
     with show_progress() as progress:
