@@ -51,8 +51,8 @@ from compplan.uncertainty.motion import Motion, greatest_shift
 ROUNDING, ROUNDED = 1.001, 1.002
 #: Most moves and loads that are checked: the worst by the planner's model, and evenly spaced ones.
 MOST_CHECKED = 3000
-#: Allowed difference of the loaded tip between planner and check: [m] plus share of tolerance; waypoints compared.
-AGREED, AGREED_SHARE, COMPARED = 1e-6, 0.02, 400
+#: Allowed difference of the loaded tip between planner and check [m], and waypoints compared.
+AGREED, COMPARED = 1e-6, 400
 #: Note of readers on drilling cycles left out.
 LEFT_OUT = "left out: the tool moves rapidly above the holes"
 #: Joint motion in one move of a cut above which the configuration changes. [rad, m]
@@ -158,7 +158,7 @@ def _check_models(task: PlanTask, q: Array, after: Evaluation) -> Check:
         apart, worst = float(away.max()), int(rows[away.argmax()])
     sentence = (f"the planner and the independent check place the loaded tip {state_mm(apart)} apart "
                 f"at waypoint {worst}: one of them misreads the robot, the tool or the load")  # fmt: skip
-    return Check("planner and independent check apart, m", apart, AGREED + AGREED_SHARE * task.tolerance, sentence)
+    return Check("planner and independent check apart, m", apart, AGREED, sentence)
 
 
 def _check_between(task: PlanTask, q: Array, between: Between, check_robot: CheckRobot) -> tuple[Check, ...]:
