@@ -41,9 +41,9 @@ def test_probability_rises_with_the_margin_and_falls_with_the_similarity() -> No
 
 def test_effects_alike_compete_if_they_differ_by_more_than_chance() -> None:
     place = ("joint_stiffness", "joint_1", None)
-    assert AlternativeEffect(place, 0.99, 5.0, 1).competes
-    assert not AlternativeEffect(place, 0.99, 3.0, 1).competes
-    assert not AlternativeEffect(place, 0.5, 50.0, 1).competes
+    assert AlternativeEffect(place, 0.99, 5.0).competes
+    assert not AlternativeEffect(place, 0.99, 3.0).competes
+    assert not AlternativeEffect(place, 0.5, 50.0).competes
 
 
 def test_effects_alike_share_the_probability_and_others_lower_the_margin(fit: Fit) -> None:

@@ -120,7 +120,7 @@ BELOW_NOISE = 16.0
 
 @dataclass(frozen=True)
 class AlternativeEffect:
-    """Another effect that explains a share of the motion by a claim, frames fitted to both; number of its parameters.
+    """Another effect that explains a share of the motion by a claim, frames fitted to both.
 
     `difference` is the sum of squares that it leaves of that motion, in units of the noise variance.
     """
@@ -128,7 +128,6 @@ class AlternativeEffect:
     place: Place
     share: float
     difference: float
-    parameters: int
 
     @property
     def alike(self) -> bool:
@@ -160,7 +159,7 @@ def find_alternatives(fit: Fit, signature: int, values: Array | None = None) -> 
             continue
         theirs = _all_columns(fit, number)
         share = _share(free, columns, values, theirs, energy)
-        rival = AlternativeEffect(other.place, share, (1.0 - share) * energy, len(theirs))
+        rival = AlternativeEffect(other.place, share, (1.0 - share) * energy)
         if other.place not in best or rival.share > best[other.place].share:
             best[other.place] = rival
     return sorted(best.values(), key=lambda r: -rank_number(r.share))
