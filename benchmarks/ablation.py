@@ -37,9 +37,11 @@ from compplan.measurement.registration import fitted_parts
 from compplan.robot import read_robot_folder
 
 JUDGE, CAUSES, MAP = judged.__name__, unmodelled.__name__, probability.__name__
-#: Margin and residual similarity, as the map weighs them, that stand for a term that is off (assumed: near
-#: the means of claims of labelled campaigns).
-MEAN = (2.0, 2.0)
+#: Margin and residual similarity, as the map weighs them, that stand for a term that is off (assumed: below the means
+#: of named claims of labelled campaigns, 3.7 and 2.3, since doubtful ones count too).
+MEAN = (2.4, 2.0)
+#: What an infinite margin counts in a fit of the map (assumed: the largest finite ones).
+LARGEST = 8.3
 #: Weight of the squares of the standardised weights in a fit of the map (assumed).
 PENALTY = 0.3
 #: What replaces a name of a module where a mechanism is off.
@@ -135,7 +137,7 @@ def list_evidence(case: Path, fit: Fit, doubt: unmodelled.RevisedProbabilities) 
 
 def fit_map(claims: Sequence[tuple[Any, bool]]) -> tuple[float, Any]:
     """Return constant and weights, none negative, of the penalised logistic regression of claims."""
-    features, right = np.array([x for x, _ in claims]), np.where([r for _, r in claims], 1.0, -1.0)
+    features, right = np.minimum([x for x, _ in claims], LARGEST), np.where([r for _, r in claims], 1.0, -1.0)
     mean, spread = features.mean(axis=0), np.maximum(features.std(axis=0), 1e-9)
     scaled = (features - mean) / spread
 

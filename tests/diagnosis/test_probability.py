@@ -1,10 +1,11 @@
-"""Probability of a claim: falls with its parameters, with its likeness to the residual and with effects alike."""
+"""Probability of a claim: rises with its margin, falls with its likeness to the residual and with effects alike."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from simulated_campaigns import measure, plan_rows, write_small_robot
 
@@ -30,19 +31,19 @@ def fit(tmp_path_factory: pytest.TempPathFactory) -> Fit:
     return fit_effects(Problem(robot, campaign), None)
 
 
-def test_probability_rises_with_the_margin_of_a_parameter_and_falls_with_the_similarity() -> None:
-    def state(margin: float, parameters: int, similarity: float) -> float:
-        return calibrate_probability(Evidence(margin, parameters, similarity))
+def test_probability_rises_with_the_margin_and_falls_with_the_similarity() -> None:
+    def state(margin: float, similarity: float) -> float:
+        return calibrate_probability(Evidence(margin, similarity))
 
-    assert state(10.0, 1, 0.0) > state(10.0, 2, 0.0) == state(5.0, 1, 0.0) > state(5.0, 1, 0.5)
-    assert state(5.0, 1, 1.0) == state(5.0, 1, 2.0)
+    assert 1.0 > state(np.inf, 0.0) > state(10.0, 0.0) > state(5.0, 0.0) > state(5.0, 0.5)
+    assert state(5.0, 1.0) == state(5.0, 2.0)
 
 
 def test_effects_alike_compete_if_they_differ_by_more_than_chance() -> None:
     place = ("joint_stiffness", "joint_1", None)
-    assert AlternativeEffect(place, 0.99, 5.0, 1).competes
-    assert not AlternativeEffect(place, 0.99, 3.0, 1).competes
-    assert not AlternativeEffect(place, 0.5, 50.0, 1).competes
+    assert AlternativeEffect(place, 0.99, 5.0).competes
+    assert not AlternativeEffect(place, 0.99, 3.0).competes
+    assert not AlternativeEffect(place, 0.5, 50.0).competes
 
 
 def test_effects_alike_share_the_probability_and_others_lower_the_margin(fit: Fit) -> None:

@@ -155,7 +155,7 @@ def evaluate_claim(
     columns = equations.columns(claim.signature)
     signature = equations.signatures[claim.signature]
     explained = motion_of(fit.search, columns, values)
-    evidence = Evidence(margin, len(columns), similarity)
+    evidence = Evidence(margin, similarity)
     effect = signature.effect(values[columns] * signature.scale)
     beyond = find_breach(fit, effect, explained, structure.gap)
     return Finding(

@@ -9,9 +9,6 @@ values a row (three of a position),
 
 the residual along its motion beyond chance: the largest of every channel in which the claim moves more than the noise,
 with and without the unmodelled errors in the residual, since these may fit the rest of a wrong effect.
-
-Each parameter also fits errors of no effect. The margin, the log posterior odds of a claim against the best model
-without it, is therefore divided by the number of its parameters, as the explained squares are in an F-test.
 """
 
 from __future__ import annotations
@@ -43,6 +40,8 @@ class ProbabilitySettings:
     most_probable: float = 0.99
     #: Divisor of log odds: evidence of real campaigns is less sharp than its model (assumed).
     temper: float = 2.0
+    #: Margins beyond this count logarithmically (assumed).
+    margin_scale: float = 5.0
     #: Range of the similarity, clipped outside: a high one may come from a larger cause (assumed).
     similarity_range: tuple[float, float] = (0.1, 1.0)
 
@@ -50,8 +49,8 @@ class ProbabilitySettings:
 MAP = ProbabilitySettings()
 #: Map from evidence to log odds, fitted by penalised logistic regression to the claims of 221 labelled campaigns
 #: (study: python -m benchmarks ablation SUITE.. prints the map of its suites): constant; weights of the margin (arsinh
-#: of it a parameter) and of minus the logarithm of the residual similarity.
-CONSTANT, WEIGHTS = -4.65, np.array([0.92, 1.46])
+#: of it over its scale) and of minus the logarithm of the residual similarity.
+CONSTANT, WEIGHTS = -4.29, np.array([0.95, 1.68])
 
 
 @dataclass(frozen=True)
@@ -60,7 +59,6 @@ class Evidence:
 
     #: Log posterior odds against the best model without it, unmodelled errors in both; infinite if there is none.
     margin: float
-    parameters: int  #: Number of its parameters.
     similarity: float  #: Residual along the claim's motion beyond chance, over that motion (`rate_similarities`).
 
     def to_table(self) -> dict[str, float]:
@@ -71,7 +69,7 @@ class Evidence:
 def features_of(evidence: Evidence) -> Array:
     """Return the features of the map: margin, residual similarity. Shape (2,)."""
     similarity = np.clip(evidence.similarity, *MAP.similarity_range)
-    return np.array([np.arcsinh(evidence.margin / evidence.parameters), -np.log(similarity)])
+    return np.array([np.arcsinh(evidence.margin / MAP.margin_scale), -np.log(similarity)])
 
 
 def calibrate_probability(evidence: Evidence) -> float:
@@ -122,7 +120,7 @@ BELOW_NOISE = 16.0
 
 @dataclass(frozen=True)
 class AlternativeEffect:
-    """Another effect that explains a share of the motion by a claim, frames fitted to both; number of its parameters.
+    """Another effect that explains a share of the motion by a claim, frames fitted to both.
 
     `difference` is the sum of squares that it leaves of that motion, in units of the noise variance.
     """
@@ -130,7 +128,6 @@ class AlternativeEffect:
     place: Place
     share: float
     difference: float
-    parameters: int
 
     @property
     def alike(self) -> bool:
@@ -162,7 +159,7 @@ def find_alternatives(fit: Fit, signature: int, values: Array | None = None) -> 
             continue
         theirs = _all_columns(fit, number)
         share = _share(free, columns, values, theirs, energy)
-        rival = AlternativeEffect(other.place, share, (1.0 - share) * energy, len(theirs))
+        rival = AlternativeEffect(other.place, share, (1.0 - share) * energy)
         if other.place not in best or rival.share > best[other.place].share:
             best[other.place] = rival
     return sorted(best.values(), key=lambda r: -rank_number(r.share))
