@@ -84,6 +84,11 @@ class ModelUpdate(UpdateState):
     expected: float  #: Expected root mean square deviation of the next part. [m]
     model: UpdateModel  #: Prior model with the selected residual.
 
+    @property
+    def alone(self) -> Array:
+        """Motion of the tip due to force and clamping of the measured part alone. Shape (k, 3). [m]"""
+        return np.asarray(self.model.own.part @ self.own)
+
 
 @dataclass(frozen=True, eq=False)
 class PartTerms:
