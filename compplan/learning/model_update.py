@@ -56,15 +56,33 @@ class UpdateState:
 
     values: Array  #: Posterior mean of the parameters relative to the folder. Shape (p,). [SI]
     force: Array  #: Posterior mean of the shares of the force: level and turns, in standard deviations. Shape (4,).
-    force_covariance: Array  #: Posterior covariance of the shares. Shape (4, 4).
-    cross: Array  #: Posterior covariance of parameters and shares. Shape (p, 4). [SI]
     own: Array  #: Posterior mean of the part-specific terms, the columns of `PartTerms.part`. Shape (m,).
     part_spread: float  #: Posterior deviation of level plus part-specific force, in prior deviations of the level.
-    covariance: Array  #: Posterior covariance of the parameters. Shape (p, p).
     physics: Array  #: Motion of the tip due to the parameters. Shape (k, 3). [m]
     pushed: Array  #: Motion of the tip due to the force. Shape (k, 3). [m]
     residual: Array  #: Residual of the path. Shape (k, 3). [m]
-    tip: Array  #: Covariance of the repeatable deviation. Shape (3 k, 3 k). [m^2]
+    #: Posterior covariance of parameters [SI], shares and repeatable deviation of the path [m], in this order.
+    joint: Array
+
+    @property
+    def covariance(self) -> Array:
+        """Posterior covariance of the parameters. Shape (p, p). [SI]"""
+        return self.joint[: len(self.values), : len(self.values)]
+
+    @property
+    def cross(self) -> Array:
+        """Posterior covariance of parameters and shares. Shape (p, 4). [SI]"""
+        return self.joint[: len(self.values), len(self.values) : -self.residual.size]
+
+    @property
+    def force_covariance(self) -> Array:
+        """Posterior covariance of the shares. Shape (4, 4)."""
+        return self.joint[len(self.values) : -self.residual.size, len(self.values) : -self.residual.size]
+
+    @property
+    def tip(self) -> Array:
+        """Covariance of the repeatable deviation. Shape (3 k, 3 k). [m^2]"""
+        return self.joint[-self.residual.size :, -self.residual.size :]
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,6 +101,11 @@ class ModelUpdate(UpdateState):
     held_out: float  #: Root mean square deviation after correction, in cross-validation. [m]
     expected: float  #: Expected root mean square deviation of the next part. [m]
     model: UpdateModel  #: Prior model with the selected residual.
+
+    @property
+    def alone(self) -> Array:
+        """Motion of the tip due to force and clamping of the measured part alone. Shape (k, 3). [m]"""
+        return np.asarray(self.model.own.part @ self.own)
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,9 +181,8 @@ def learn_part(slopes: Slopes, known: Uncertainty, gathered: Gathered, exact: Ex
     before = band_radius(_with_run(model, take_blocks(prior, k), own.following))
     seen_before, seen_after = (_band_seen(model, covariance, gathered) for covariance in (prior, state.tip))
     following = _with_run(model, take_blocks(state.tip if taken else prior, k), own.following)
-    learned = vars(state) if taken else {**vars(state), "covariance": known.covariance}
     return ModelUpdate(
-        **learned, taken=taken, reason=reason,
+        **vars(state), taken=taken, reason=reason,
         next_part=following, band_before=before, band_after=band_radius(following),
         band_seen=(seen_before, seen_after if taken else seen_before), gathered=plain, rms=float(seen), held_out=held,
         expected=float(np.sqrt(np.mean(np.trace(following, axis1=1, axis2=2)))), model=model,
@@ -201,54 +223,32 @@ def condition(model: UpdateModel, gathered: Gathered) -> UpdateState:
     """Condition parameters, force and residual on the observations."""
     columns, force, field = model.repeats()
     y, H, own = _observe(model, gathered)
-    prior = columns @ columns.T + force @ force.T + field
-    factor = cho_factor(H @ prior @ H.T + own + 1e-18 * np.eye(len(y)))
+    root, r = model.known.spread, columns.shape[1]
+    tied, apart = model.slopes.tie or (np.zeros((force.shape[1], r)), np.eye(force.shape[1]))
+    # parameters and shares of the force, then with the deviation of the path: rows of one Gaussian state
+    top = np.block([[root, np.zeros((len(root), len(apart)))], [tied, apart]])
+    every = np.hstack([columns, force])
+    tip = every @ every.T + field
+    prior = np.block([[top @ top.T, top @ every.T], [every @ top.T, tip]])
+    factor = cho_factor(H @ tip @ H.T + own + 1e-18 * np.eye(len(y)))
     weight = H.T @ cho_solve(factor, y)
+    seen = prior[:, len(top) :] @ H.T
+    mean = prior[:, len(top) :] @ weight
+    values, share = mean[: len(root)], mean[len(root) : len(top)]
+    physics, pushed = model.slopes.model @ values, model.slopes.shared @ share
     own_columns = model.own.part.reshape(len(weight), -1)
-    # one Gaussian state: parameters, independent force, and part-specific force
-    every = np.hstack([columns, force, own_columns[:, :1]])
-    left = np.eye(every.shape[1]) - every.T @ H.T @ cho_solve(factor, H @ every)
-    root, p = model.known.spread, columns.shape[1]
-    z, residual = columns.T @ weight, (field @ weight).reshape(-1, 3)
-    if model.slopes.beyond is not None:
-        residual = residual + model.slopes.beyond @ z
-    tied, apart = model.slopes.tie or (np.zeros((force.shape[1], p)), np.eye(force.shape[1]))
-    shares = np.hstack([tied, apart, np.zeros((len(apart), 1))])
-    whole = shares[0] + np.r_[np.zeros(every.shape[1] - 1), model.own.ratio]
-    values, share = root @ z, shares @ every.T @ weight
+    level = seen[len(root)] + model.own.ratio * H @ own_columns[:, 0]  # with the force of this part alone
+    spread = prior[len(root), len(root)] + model.own.ratio**2 - level @ cho_solve(factor, level)
     return UpdateState(
         values=values,
         force=share,
-        force_covariance=shares @ left @ shares.T,
-        cross=root @ (left @ shares.T)[:p],
         own=own_columns.T @ weight,
-        part_spread=float(np.sqrt(max(whole @ left @ whole, 0.0))),
-        covariance=root @ left[:p, :p] @ root.T,
-        physics=model.slopes.model @ values,
-        pushed=model.slopes.shared @ share,
-        residual=residual,
-        tip=prior - prior @ H.T @ cho_solve(factor, H @ prior),
+        part_spread=float(np.sqrt(max(spread, 0.0))),
+        physics=physics,
+        pushed=pushed,
+        residual=mean[len(top) :].reshape(-1, 3) - physics - pushed,
+        joint=prior - seen @ cho_solve(factor, seen.T),
     )
-
-
-def factor_posterior(model: UpdateModel, gathered: Gathered) -> tuple[Array, Array, Array]:
-    """Return a factor of the joint posterior covariance: rows of parameters, shares of the force, and deviation.
-
-    Shapes (p, r) [SI], (4, r) [prior standard deviations] and (3 k, r) [m].
-    """
-    columns, force, field = model.repeats()
-    _, H, own = _observe(model, gathered)
-    value, vector = np.linalg.eigh(field)
-    kept = value > 1e-12 * value.max(initial=0.0)
-    root, r, n = model.known.spread, columns.shape[1], int(kept.sum())
-    tied, apart = model.slopes.tie or (np.zeros((force.shape[1], r)), np.eye(force.shape[1]))
-    tip = np.hstack([columns, force, vector[:, kept] * np.sqrt(value[kept])])
-    seen = H @ tip
-    gain = seen.T @ np.linalg.solve(seen @ seen.T + own + 1e-18 * np.eye(len(own)), seen)
-    size, turn = np.linalg.eigh(np.eye(len(gain)) - 0.5 * (gain + gain.T))
-    left = turn * np.sqrt(np.maximum(size, 0.0))
-    shares = np.hstack([tied, apart, np.zeros((len(tied), n))])
-    return root @ left[:r], shares @ left, tip @ left
 
 
 def _log_evidence(model: UpdateModel, gathered: Gathered) -> float:

@@ -20,12 +20,11 @@ from compplan.learning.measured_path import MeasuredPath, match_points
 from compplan.learning.model_update import (
     ModelUpdate,
     expect_deviations,
-    factor_posterior,
     learn_part,
     prior_of,
     take_blocks,
 )
-from compplan.learning.path_state import PathState, apply_state, compress_state, read_state
+from compplan.learning.path_state import PathState, apply_state, factor_state, read_state
 from compplan.learning.representable import Learned, Residual, list_learned, read_residual, residual_file
 from compplan.learning.transfer import Transfer, TransferResult, build_part_terms, transfer_to_paths
 from compplan.measurement.distance import band_radius
@@ -357,16 +356,12 @@ def keep_state(
 
     length: arc length at the rows of the slopes, (k,) [m]; left: deviation that is not subtracted, (k, 3) [m].
     """
-    parameters, shares, deviation = factor_posterior(model_update.model, model_update.gathered)
-    missed = model_update.values - others.held, model_update.force - others.shares, left.ravel()
-    parameters, shares, deviation = (
-        np.column_stack(pair) for pair in zip((parameters, shares, deviation), missed, strict=True)
-    )
     size = np.array([cut.force.level, *[cut.force.direction] * 3])
     size[0] /= 1.0 + size[0] * others.shares[0]  # relative to the level of the next program
-    return compress_state(
-        PathState(cut.known.names, length, parameters, size[:, None] * shares, deviation.reshape(len(length), 3, -1))
-    )
+    missed = np.r_[model_update.values - others.held, model_update.force - others.shares, left.ravel()]
+    unit = np.r_[np.ones(len(others.held)), size, np.ones(left.size)]
+    covariance = np.outer(unit, unit) * (model_update.joint + np.outer(missed, missed))
+    return factor_state(cut.known.names, length, covariance)
 
 
 def with_band(plan: Plan, model_update: ModelUpdate, slopes: Slopes, known: Uncertainty) -> Plan:

@@ -40,15 +40,17 @@ class PathState(NamedTuple):
     deviation: Array  #: Deviation of the path that the program does not subtract, base axes. Shape (k, 3, r). [m]
 
 
-def compress_state(state: PathState) -> PathState:
-    """Reduce the factor to the columns that matter: each row counts relative to its own standard deviation."""
-    k = len(state.length)
-    whole = np.vstack([state.parameters, state.force, state.deviation.reshape(3 * k, -1)])
-    size = np.linalg.norm(whole, axis=1, keepdims=True)
-    left, value, _ = np.linalg.svd(whole / np.where(size > 0.0, size, 1.0), full_matrices=False)
-    kept = value > LEAST_SHARE * value.max(initial=0.0)
-    p, few = len(state.names), size * left[:, kept] * value[kept]
-    return state._replace(parameters=few[:p], force=few[p : p + 4], deviation=few[p + 4 :].reshape(k, 3, -1))
+def factor_state(names: tuple[str, ...], length: Array, covariance: Array) -> PathState:
+    """Return the state of a joint covariance of parameters, force and deviation, shape (p + 4 + 3 k,) squared.
+
+    Each row counts relative to its own standard deviation when columns of the factor are left out.
+    """
+    p, size = len(names), np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    unit = np.where(size > 0.0, size, 1.0)
+    value, vector = np.linalg.eigh(covariance / np.outer(unit, unit))
+    kept = value > LEAST_SHARE**2 * value.max(initial=0.0)
+    factor = unit[:, None] * vector[:, kept] * np.sqrt(value[kept])
+    return PathState(names, length, factor[:p], factor[p : p + 4], factor[p + 4 :].reshape(len(length), 3, -1))
 
 
 def apply_state(

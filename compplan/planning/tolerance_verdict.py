@@ -26,7 +26,7 @@ FORCE, INERTIA = "process force", "inertia and vibration"
 #: Values of the verdict.
 KEEPS, MAY_NOT_KEEP, NOT_KNOWN = "keeps", "may_not_keep", "not_known"
 MEASURE = "Measure the robot: compplan campaign JOB --poses 12 --out poses."
-NEXT_PART = "Measure the next part, too: compplan learn JOB MEASURED."
+NEXT_PART = "Measure the next part, too: compplan learn JOB MEASURED --robot OUT/robot."
 LET_COMPENSATE = "Let the plan compensate it: [plan] inertia = true."
 #: Cause and remedy of a program without correction.
 UNCORRECTED, CORRECT = 'the program is not corrected (plan.strategy = "none")', 'Correct it: plan.strategy = "nlp".'

@@ -172,7 +172,8 @@ def open_diagnosis(
     first = "; ".join(describe_effect(effect) for effect in effects[:2])
     first += f"; and {len(effects) - 2} more" if len(effects) > 2 else ""
     taken_up = words.reaches_noise(gap, delivered)
-    alone = " alone, but the calibrated model reduces it to the noise" if taken_up else ""
+    alone = " alone: many small errors fit these poses, but hardly those left out" if small > 0.5 else ""
+    alone = " alone, but the calibrated model reduces it to the noise" if taken_up else alone
     verdicts = {
         "none": ("No error found: the gap is not larger than the measurement noise.", "good"),
         "unknown": (f"No known effect explains the gap{alone}.", "unsure"),

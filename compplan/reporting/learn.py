@@ -148,7 +148,8 @@ def open_update(update: LearnedPart) -> Summary:
     lines = [Curve("measured", 1e3 * measured.length[few], dots, "before", "markers")]
     together = model_update.physics + model_update.pushed + model_update.residual
     parts = (("the robot", model_update.physics, 2), ("the force", model_update.pushed, 4),
-             ("this path only", model_update.residual, 3), ("all three together", together, "after"))  # fmt: skip
+             ("this path only", model_update.residual, 3), ("this part alone", model_update.alone, 5),
+             ("what repeats", together, "after"))  # fmt: skip
     for name, part, role in parts if model_update.taken else ():
         seen = np.einsum("bij,bj->bi", gathered.counts, part[gathered.row])
         lines.append(Curve(name, at, 1e3 * np.linalg.norm(seen, axis=1), role))
@@ -190,6 +191,7 @@ def _list_causes(update: LearnedPart) -> DataTable:
         ["the robot's parameters", 1e3 * _rms(model_update.physics)],
         ["the difference from the predicted force", 1e3 * _rms(model_update.pushed)],
         ["this path only", 1e3 * _rms(model_update.residual)],
+        ["this part alone: its force and clamping, which the next one does not repeat", 1e3 * _rms(model_update.alone)],
         ["remaining on stretches left out of the fit",
          Cell(1e3 * model_update.held_out if np.isfinite(model_update.held_out) else None, "strong")],
     ]  # fmt: skip

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from compplan.effects import transmission_error
 from compplan.effects.forward_model import ForwardModel, own_springs
-from compplan.job.noise import NoiseTable
 from compplan.robot import Array, Robot
 from compplan.robot.uncertainty import Uncertainty
 from compplan.uncertainty.assumed import robot_uncertainty
@@ -47,7 +46,6 @@ class RobotPosterior:
     parts: tuple[ArmParameter, ...]  #: Parameters that act inside the arm; the others move the tip.
     #: Correlated and independent part of the force (`tie_force`); None: all is independent.
     tie: tuple[Array, Array] | None = None
-    force: ForceSpread | None = None  #: Learned uncertainty of the force if correlated with the robot, or None.
 
     def push(self, z: Array, shares: Array) -> Array:
         """Combine coordinates of the robot and independent shares to level and rotations of the force. (4, b)."""
@@ -79,25 +77,16 @@ def count_coordinates(robot: Robot) -> int:
     return robot_uncertainty(robot).factor.shape[1] + 3 * MODES
 
 
-def apply_learned_force(noise: NoiseTable, force: ForceSpread | None) -> NoiseTable:
-    """Replace level and direction of the force by those learned together with the robot, if there are any."""
-    if force is None or not len(force.robot):
-        return noise
-    spread = {"wrench_level": force.level, "wrench_direction_deg": float(np.degrees(force.direction))}
-    return noise.model_copy(update=spread)
-
-
 def build_posterior(robot: Robot, q: Array, motion_sign: Array, force: ForceSpread | None = None) -> RobotPosterior:
     """Build the posterior of a robot at joint positions q, (n, nq).
 
-    motion_sign: direction of motion of each joint, (nq, n); force: uncertainty of the force learned from measured
-    parts, or None.
+    motion_sign: direction of motion of each joint, (nq, n); force: uncertainty of the force, or None for no force.
     """
     known = robot_uncertainty(robot)
     found = RobotPosterior(known.spread, _list_parts(robot, known, q, motion_sign))
     if force is None or not len(force.robot):
         return found
-    return replace(found, tie=tie_force(known, force), force=force)
+    return replace(found, tie=tie_force(known, force))
 
 
 def move_by_parameters(scene: ForwardModel, rows: NDArray[np.int_], posterior: RobotPosterior) -> Array:

@@ -135,7 +135,8 @@ def fingerprint_study(study: Study, settings: dict[str, Any]) -> str:
     digest.update(study.noise.model_dump_json().encode())
     at = study.context
     arrays: list[Array] = [study.nominal, at.wrench, at.shift, study.task.chain.compliance]
-    arrays += [at.link_share, 1e9 * at.posterior.root]
+    arrays += [at.link_share, 1e9 * at.posterior.root, np.array([at.force.level, at.force.direction, at.force.path])]
+    arrays += at.posterior.tie or ()
     for name, command in study.commands.items():
         digest.update(name.encode())
         arrays += [command.q, command.spring_factor]

@@ -57,7 +57,8 @@ TWIST = 6
 class SampleContext:
     """Data common to all samples; n waypoints."""
 
-    noise: NoiseTable  #: The standard deviations.
+    noise: NoiseTable  #: The standard deviations of part and sensors.
+    force: ForceSpread  #: Uncertainty of the force.
     factors: Factors  #: The coordinates of a sample.
     wrench: Array  #: Predicted wrench. Shape (6, n). [N, N m]
     nq: int  #: Number of joints.
@@ -87,16 +88,15 @@ class SampledRobots(NamedTuple):
     force: Array  #: Error of the force sensor. Shape (6, b, n). [N, N m]
 
 
-def build_context(
-    task: PlanTask, noise: NoiseTable, factors: Factors, force: ForceSpread | None = None
-) -> SampleContext:
-    """Compute the data common to all samples of a task; `force`: uncertainty learned from measured parts, or None."""
+def build_context(task: PlanTask, noise: NoiseTable, force: ForceSpread) -> SampleContext:
+    """Compute the data common to all samples of a task."""
     length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(task.position, axis=0), axis=1))])
     knots = min(int(np.ceil(length[-1] / CORRELATION * KNOTS)) + 2, MOST_KNOTS)
     spacing = max(length[-1], 1e-9) / (knots - 1)
     return SampleContext(
         noise=noise,
-        factors=factors,
+        force=force,
+        factors=list_factors(task.robot, noise, force),
         wrench=np.ascontiguousarray(task.wrench.T),
         nq=task.robot.nq,
         link_share=task.chain.link_share,
@@ -184,11 +184,11 @@ def _draw_wrench(at: SampleContext, shares: Array, points: Array) -> Array:
 
     shares: level and rotations, in standard deviations. Shape (4, b).
     """
-    noise = at.noise
-    turn = Rotation.from_rotvec(np.radians(noise.wrench_direction_deg) * shares[1:].T).as_matrix()
-    level = 1.0 + noise.wrench_level * shares[0]
+    force = at.force
+    turn = Rotation.from_rotvec(force.direction * shares[1:].T).as_matrix()
+    level = 1.0 + force.level * shares[0]
     turned = np.concatenate([np.einsum("bij,jn->ibn", turn, half) for half in (at.wrench[:3], at.wrench[3:])])
-    turned *= level[:, None] + noise.wrench_path * _draw_along_path(at, points)
+    turned *= level[:, None] + force.path * _draw_along_path(at, points)
     return turned
 
 
@@ -227,7 +227,7 @@ class Factors:
     groups: tuple[str, ...]  #: Group of every coordinate in the sensitivity analysis; empty: no uncertainty.
 
 
-def list_factors(robot: Robot, noise: NoiseTable) -> Factors:
+def list_factors(robot: Robot, noise: NoiseTable, force: ForceSpread) -> Factors:
     """List the factors of a robot; groups without any uncertainty are left out of the sensitivity analysis."""
     unsure = sum(1 for spring in robot.springs if 0.0 < spring.link_share < 1.0)
     # number of coordinates, group of the sensitivity analysis, and a standard deviation: no uncertainty if it is 0
@@ -235,9 +235,9 @@ def list_factors(robot: Robot, noise: NoiseTable) -> Factors:
         "link_share": (unsure, "link_share", noise.link_share),
         "part_frame": (TWIST, "part", max(noise.part_frame_mm, noise.part_frame_deg)),
         "temperature": (1, "temperature", noise.temperature_K),
-        "wrench_level": (1, "wrench_level", noise.wrench_level),
-        "wrench_direction": (3, "wrench_direction", noise.wrench_direction_deg),
-        "wrench_path": (1, "wrench_path", noise.wrench_path),
+        "wrench_level": (1, "wrench_level", force.level),
+        "wrench_direction": (3, "wrench_direction", force.direction),
+        "wrench_path": (1, "wrench_path", force.path),
         "encoders": (1, "encoders", 1.0),
         "repeatability": (3, "repeatability", robot_uncertainty(robot).repeatability or 0.0),
         "force_bias": (7, "force_sensor", 1.0),

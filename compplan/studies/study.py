@@ -21,18 +21,16 @@ from compplan.planning.task import Command, PlanTask
 from compplan.robot import Array
 from compplan.statics.encoders import actuator_selection, control_equilibrium, feedback_gain, feedback_scale
 from compplan.studies.kernel import Kernel, Touch, build_kernel, move_part, prepare_touch, solve_tips
-from compplan.studies.posterior import apply_learned_force
 from compplan.studies.sampling import (
     SampleContext,
     SampledRobots,
     build_context,
     differentiate_placements,
-    list_factors,
     sample_robots,
     shift_tip,
 )
 from compplan.toolpath.toolpath import select_waypoints
-from compplan.uncertainty.sensitivities import ForceSpread
+from compplan.uncertainty.sensitivities import ForceSpread, state_force
 
 #: Greatest number of waypoints; a longer path is thinned evenly, as its report states.
 MOST_WAYPOINTS = 2500
@@ -96,12 +94,12 @@ def prepare_study(
     """Prepare a study.
 
     strategies: by default all that the robot supports; most_waypoints: a longer path is thinned evenly to this number;
-    force: uncertainty of the force; if learned from measured parts, it is correlated with the sampled robots.
+    force: uncertainty of the force, by default that of `noise`; if learned with the robot, it is correlated with it.
 
     Raises:
         InputError: If a strategy does not suit the robot, or the path has no cutting moves.
     """
-    noise = apply_learned_force(noise or NoiseTable(), force)
+    noise = noise or NoiseTable()
     if not task.compensated.any():
         raise InputError("the path has no cutting moves, nothing to compare")
     chosen = tuple(strategies) if strategies else list_strategies(task.robot)
@@ -112,11 +110,11 @@ def prepare_study(
         name: command_path(thin, name) if name in ONLINE else _thin_answer(command_path(task, name), rows)
         for name in chosen
     }
-    return assemble_study(thin, noise, answers, len(task), force)
+    return assemble_study(thin, noise, answers, len(task), force or state_force(noise))
 
 
 def assemble_study(
-    thin: PlanTask, noise: NoiseTable, answers: dict[str, Command], count: int, force: ForceSpread | None = None
+    thin: PlanTask, noise: NoiseTable, answers: dict[str, Command], count: int, force: ForceSpread
 ) -> Study:
     """Build a study from a thinned task and its prepared commands; count: waypoints of the complete path."""
     selection = actuator_selection(thin.chain)
@@ -128,7 +126,7 @@ def assemble_study(
         commands={name: _prepare_command(thin, c, selection, noise) for name, c in answers.items()},
         kernel=build_kernel(thin.chain),
         touch=prepare_touch(thin.robot, thin.touched),
-        context=build_context(thin, noise, list_factors(thin.robot, noise), force),
+        context=build_context(thin, noise, force),
         nominal=np.ascontiguousarray(thin.position.T),
         cut=thin.compensated,
         stations=cut[np.unique(np.linspace(0, len(cut) - 1, min(STATIONS, len(cut))).astype(int))],
@@ -156,7 +154,7 @@ def thin_study(study: Study, most: int) -> Study:
     if len(rows) == len(study.task):
         return study
     thin, answers = thin_task(study.task, rows), {k: _thin_answer(v, rows) for k, v in study.answers.items()}
-    return assemble_study(thin, study.noise, answers, study.waypoints_of_path, study.context.posterior.force)
+    return assemble_study(thin, study.noise, answers, study.waypoints_of_path, study.context.force)
 
 
 def _thin_answer(answer: Command, rows: NDArray[np.int_]) -> Command:

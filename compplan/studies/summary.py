@@ -14,6 +14,7 @@ import numpy as np
 from scipy.stats import binom, binomtest, t
 
 from compplan.job.noise import describe_noise
+from compplan.process.learned_force import FILE as PROCESS
 from compplan.robot import Array
 from compplan.studies.runner import Run
 from compplan.studies.sensitivity import Sensitivity
@@ -31,13 +32,14 @@ LEVEL = 0.95
 
 def _describe_draws(study: Study) -> list[str]:
     """Describe the distributions of robots and noise, and the correlation of the force with the robots."""
-    robot, posterior = study.task.robot, study.context.posterior
+    robot, force = study.task.robot, study.context.force
     said = [f"robots are drawn from what is known: {robot_uncertainty(robot).source}", *list_assumed(robot)]
-    if (force := posterior.force) is None:
+    if not force.source.startswith(PROCESS):
         return [*describe_noise(study.noise), *said]
     taken = ("noise.wrench_level ", "noise.wrench_direction_deg ")
-    said += [f"level and direction of the force ({force.level:.0%}, {np.degrees(force.direction):.2g} deg) go with the"
-             f" robot: {force.source}"]  # fmt: skip
+    tied = " go with the robot" if len(force.robot) else ""
+    said.append(f"level and direction of the force ({force.level:.0%}, {np.degrees(force.direction):.2g} deg){tied}:"
+                f" {force.source}")  # fmt: skip
     return [*(sentence for sentence in describe_noise(study.noise) if not sentence.startswith(taken)), *said]
 
 

@@ -85,6 +85,11 @@ def read_force_spread(job: Job | None) -> ForceSpread:
         turn = np.eye(3) if job is None or learned.axes != "part" else job.T_base_part[:3, :3]
         robot = np.hstack([learned.robot[:, :1] / learned.level, learned.robot[:, 1:] @ turn.T])
         return ForceSpread(learned.spread, direction, table.wrench_path, learned.source, learned.scatter, robot)
+    return state_force(table)
+
+
+def state_force(table: NoiseTable) -> ForceSpread:
+    """Return the uncertainty of the force that [noise] states, or assumes."""
     stated = {"wrench_level", "wrench_direction_deg", "wrench_path"} & table.model_fields_set
     said = "[noise] of the job" if stated else "assumed: force models of milling and forming err by 10 to 20 %"
     scatter = min(SCATTER, SHARED * table.wrench_level)

@@ -271,7 +271,7 @@ def test_a_second_part_starts_from_the_band_that_the_first_one_left(
     assert max(shares.values()) <= band["p95_max"] <= 1.05 * np.linalg.norm([*shares.values()])
     assert plan["verdict"]["basis"] == "robot and force learned from measured parts of this path"
     if learned.force is not None:  # [noise] wrench_level no longer counts
-        assert plan["verdict"]["change"] == "Measure the next part, too: compplan learn JOB MEASURED."
+        assert plan["verdict"]["change"] == "Measure the next part, too: compplan learn JOB MEASURED --robot OUT/robot."
     page = (tmp_path / "out" / "plan.html").read_text(encoding="utf-8")
     assert "learned_circle" not in page[page.index("SHA-256, first 16 digits") :].split("</table>")[0]
     columns |= {f"{axis}_mm": wanted[:, k] for k, axis in enumerate("xyz")}

@@ -94,6 +94,10 @@ def test_kinds_of_small_errors_stand_beside_the_names(diagnosed: tuple[Any, Spli
     html = own_part(render_diagnosis(diagnosed[0], split, None, TABLE))
     largest = open_diagnosis({"status": "partly_explained", "effects": [SPRING]}, GAP, "causes", "", "", 0.78)
     assert "Most of the gap comes from many small errors, as of an uncalibrated robot. A part" in largest.verdict
+    unknown = open_diagnosis({"status": "unknown", "effects": []}, GAP, "causes", "", "", 0.98)
+    assert (
+        "No known effect explains the gap alone: many small errors fit these poses, but hardly those" in unknown.verdict
+    )
     assert "30\u00a0% to 40\u00a0%" in html and "The gap divided among all errors of the updated robot" in html
 
 

@@ -24,6 +24,7 @@ from compplan.studies.sensitivity import design_points, estimate_totals, measure
 from compplan.studies.study import prepare_study
 from compplan.studies.summary import estimate_mean, estimate_quantile, estimate_share, summarise_run
 from compplan.studies.workers import Workers
+from compplan.uncertainty.sensitivities import state_force
 
 HERE = Workers(workers=1)
 
@@ -235,7 +236,7 @@ def test_intervals_of_quantiles_and_shares_hold() -> None:
 
 
 def test_spread_out_points_give_narrower_intervals_than_random_ones() -> None:
-    factors = list_factors(load_robot("staubli_tx200"), NoiseTable())
+    factors = list_factors(load_robot("staubli_tx200"), NoiseTable(), state_force(NoiseTable()))
     points = draw_points(factors, 5, 8, range(1024))
     random = np.random.default_rng(5).random(points.shape)
     widths = [estimate_mean(values[:, :6].sum(axis=1), 8).half_width for values in (points, random)]
@@ -243,7 +244,7 @@ def test_spread_out_points_give_narrower_intervals_than_random_ones() -> None:
 
 
 def test_a_sobol_study_is_continued_not_begun_anew() -> None:
-    factors = list_factors(load_robot("staubli_tx200"), NoiseTable())
+    factors = list_factors(load_robot("staubli_tx200"), NoiseTable(), state_force(NoiseTable()))
     whole = draw_points(factors, 9, 4, range(40))
     parts = [draw_points(factors, 9, 4, range(a, b)) for a, b in ((0, 13), (13, 30), (30, 40))]
     np.testing.assert_array_equal(whole, np.vstack(parts))
@@ -252,10 +253,10 @@ def test_a_sobol_study_is_continued_not_begun_anew() -> None:
 
 def test_groups_without_uncertainty_are_left_out() -> None:
     robot = load_robot("kuka_kr270_full")
-    factors = list_factors(robot, NoiseTable())
+    factors = list_factors(robot, NoiseTable(), state_force(NoiseTable()))
     assert all(factors.groups)
     quiet = NoiseTable(temperature_K=0.0, wrench_path=0.0)
-    assert {"temperature", "wrench_path"}.isdisjoint(list_factors(robot, quiet).groups)
+    assert {"temperature", "wrench_path"}.isdisjoint(list_factors(robot, quiet, state_force(quiet)).groups)
 
 
 def test_every_default_says_where_it_comes_from() -> None:
