@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import matplotlib.pyplot as plt
+from matplotlib.ticker import LogLocator, NullFormatter
 
 NUMBER = re.compile(r"(?<![\w.])-?\d+(?:\.\d+)?(?:e-?\d+)?")
 
@@ -42,7 +43,11 @@ def draw_chart(text: str, chart: Chart, file: Path) -> None:
         known = [(float(numbers[0]), y) for numbers, y in points if numbers]
         axes.scatter(*zip(*known, strict=True), s=30, color=f"C{k}", alpha=0.85, label=name, zorder=3)
     axes.set_yticks([-i for i in range(len(cells))], [row[0] for row in cells], fontsize=8)
-    axes.set_xscale("log" if chart.log else "linear")
+    if chart.log:
+        axes.set_xscale("log")
+        axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        axes.xaxis.set_major_formatter("{x:g}")
+        axes.xaxis.set_minor_formatter(NullFormatter())
     axes.set_xlabel(chart.label)
     axes.grid(axis="both", alpha=0.3)
     axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=len(chart.series), frameon=False, fontsize=8)
