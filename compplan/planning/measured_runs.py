@@ -106,14 +106,12 @@ def measure_runs(
             band = band_radius(covariance + vibration, mean=offset)
             found.append(TimedStart(eased, float(time[-1]), band, static_band, deflection, spare, covariance, whole,
                                     time))  # fmt: skip
-            if reference is None or not vibration.any():
-                break
-            if count == 0 and time[-1] > (1.0 - SPARE) * reference.time:
+            if reference is None or not vibration.any() or (not count and time[-1] > (1.0 - SPARE) * reference.time):
                 break
             late += time[-1] - predicted if count else 0.0
             used = min(FIRST_USE + (1.0 - FIRST_USE) * count / max(rounds - LAST_RUNS, 1), 1.0)
             goal = (1.0 - used) * found[0].time + used * (1.0 - 0.5 * SPARE) * reference.time
-            factor, _ = _find_factors(found[-1], goal - late, np.maximum(1.0 / slower, EASIER), SLOWER)
+            factor = _find_factors(found[-1], goal - late, np.maximum(1.0 / slower, EASIER), SLOWER)[0]
             predicted = time[-1] + np.gradient(time) @ (factor - 1.0) + late
             slower = slower * factor
     except ConvergenceError:
@@ -185,10 +183,7 @@ def band_at_time(run: TimedStart, base: TimedStart) -> float:
 
 
 def _find_factors(run: TimedStart, time: float, least: Array | float, most: float = np.inf) -> tuple[Array, float]:
-    """Find changes of the slowdown factors within bounds for the least band of a run that takes a time [s].
-
-    Returns the changes, shape (n,), and the band [m].
-    """
+    """Return changes of the slowdown factors (n,) within bounds, and the least band [m] of a run of a time [s]."""
     rows, share = pick_rows(run.task.cut, BAND_ROWS), np.gradient(run.passing)
     vibration, every = np.maximum(run.bands**2 - run.static_bands**2, 0.0), np.arange(len(share))
 

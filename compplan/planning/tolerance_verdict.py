@@ -94,7 +94,7 @@ def check_tolerance(
     wanted, error_band = state_mm(task.tolerance), None if status == "infeasible" else error_band
     band, basis = (None, "") if error_band is None else (error_band.whole, describe_basis(error_band))
     inertia = "" if compensates or not known else " Inertia is not compensated: [plan] inertia = false."
-    left_out = list_left_out(task.robot, error_band, inertia_known=known, traced=traced)
+    left_out = list_left_out(task.robot, inertia_known=known, traced=traced)
 
     def state(word: str, sentence: str, cause: str, change: str, share: float | None) -> ToleranceVerdict:
         return ToleranceVerdict(word, sentence, task.tolerance, band, share, cause, change, basis, left_out)
@@ -203,7 +203,7 @@ def describe_basis(error_band: ErrorBand) -> str:
     return "robot measured; force assumed" if robot == "measured" else f"robot and force {robot}"
 
 
-def list_left_out(robot: Robot, error_band: ErrorBand | None, *, inertia_known: bool, traced: bool) -> tuple[str, ...]:
+def list_left_out(robot: Robot, *, inertia_known: bool, traced: bool) -> tuple[str, ...]:
     """List the causes of deviations that the band does not include."""
     left_out = []
     if not traced and not any(effect["effect"] == "tracking_lag" for effect in robot.effects):

@@ -258,12 +258,8 @@ def _refine_options(problem: PostureProblem, coarse: Options, line: Line) -> Opt
 
 def _list_changes(line: Line, stations: NDArray[np.int_]) -> tuple[tuple[int, str, str], ...]:
     """List the changes of configuration: first waypoint afterwards, configuration before, after."""
-
-    def words(slot: int) -> str:
-        return " ".join(CONFIGURATIONS[slot].values())
-
-    places = np.flatnonzero(np.diff(line.slot)) + 1
-    return tuple((int(stations[i]), words(int(line.slot[i - 1])), words(int(line.slot[i]))) for i in places)
+    words = [" ".join(CONFIGURATIONS[slot].values()) for slot in line.slot]
+    return tuple((int(stations[i]), words[i - 1], words[i]) for i in np.flatnonzero(np.diff(line.slot)) + 1)
 
 
 def trace_line(
