@@ -12,8 +12,8 @@ or noise alone explains the deviations. The band of the next part includes new r
 
 Robot and force are nearly collinear on one path: each may stay uncertain although their sum is known well. The robot
 folder keeps their joint covariance (`LearnedForce.robot`) for other paths, and the joint posterior of this path
-(`compplan.learning.path_state`) as the prior of its next part. The part-specific force has
-the same slopes as the level common to all parts: only the prior separates the two, not the shape of the deviation.
+(`compplan.learning.path_state`) as the prior of its next part. The part-specific force has the same
+slopes as the level common to all parts: only the prior separates the two, not the shape of the deviation.
 """
 
 from __future__ import annotations

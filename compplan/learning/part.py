@@ -17,13 +17,7 @@ from compplan.io.tables import Table
 from compplan.job.job import Job
 from compplan.learning.gathered_points import Gathered, describe_whole, gather_points, measured_directions
 from compplan.learning.measured_path import MeasuredPath, match_points
-from compplan.learning.model_update import (
-    ModelUpdate,
-    expect_deviations,
-    learn_part,
-    prior_of,
-    take_blocks,
-)
+from compplan.learning.model_update import ModelUpdate, expect_deviations, learn_part, prior_of, take_blocks
 from compplan.learning.path_state import PathState, apply_state, factor_state, read_state
 from compplan.learning.representable import Learned, Residual, list_learned, read_residual, residual_file
 from compplan.learning.transfer import Transfer, TransferResult, build_part_terms, transfer_to_paths

@@ -106,7 +106,7 @@ def _check_step(fit: Fit, effect: Effect) -> str:
     row, stay = int(effect.parameters["row"]), fit.problem.campaign.stay
     for side, part in (("before", stay[:row]), ("after", stay[row:])):
         if len(np.unique(part)) < FEW_ROWS:
-            return f"fewer than {FEW_ROWS} poses {side} row {row}: the values of a step fit any error of theirs"
+            return f"fewer than {FEW_ROWS} poses {side} row {row}: a step there fits errors of any cause"
     return ""
 
 
